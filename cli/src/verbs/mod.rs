@@ -1,0 +1,77 @@
+//! The verbs, one file each: its `Args` and its `run`. To add one: a file here, a line in [`Verb`]
+//! with its summary, a line in [`Verb::run`].
+
+#[cfg(feature = "sim")]
+mod collect;
+#[cfg(feature = "sim")]
+mod data;
+#[cfg(feature = "sim")]
+mod demo;
+#[cfg(feature = "sim")]
+mod evaluate;
+mod explain;
+mod run;
+mod skills;
+mod train;
+mod train_policy;
+
+use clap::Subcommand;
+
+use crate::exit::Exit;
+
+/// What every verb takes: `#[command(flatten)] shared: Shared`.
+#[derive(clap::Args, Clone, Copy, Debug)]
+pub(crate) struct Shared {
+    /// Print one JSON object on stdout and nothing else there
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Seed of every random stream; the same seed gives the same result
+    #[arg(long, default_value_t = 1, value_name = "N")]
+    pub(crate) seed: u64,
+}
+
+#[derive(Subcommand)]
+pub(crate) enum Verb {
+    /// Drive the stairs courses in the simulator and write a page with moving pictures
+    #[cfg(feature = "sim")]
+    Demo(demo::Args),
+    /// The registry: list, check, and start new skills
+    Skills(skills::Args),
+    /// Roll a skill out in the simulator and write a data set
+    #[cfg(feature = "sim")]
+    Collect(collect::Args),
+    /// Merge and show data sets
+    #[cfg(feature = "sim")]
+    Data(data::Args),
+    /// Fit a skill's two predictors to its data set
+    Train(train::Args),
+    /// Find a policy's parameters in the simulator
+    TrainPolicy(train_policy::Args),
+    /// Measure a skill or the selector by the protocol
+    #[cfg(feature = "sim")]
+    Evaluate(evaluate::Args),
+    /// Run the 50 Hz loop of a deployment
+    Run(run::Args),
+    /// Say why each skill was chosen or refused, from a decisions log
+    Explain(explain::Args),
+}
+
+impl Verb {
+    pub(crate) fn run(self) -> anyhow::Result<Exit> {
+        match self {
+            #[cfg(feature = "sim")]
+            Self::Demo(args) => demo::run(args),
+            Self::Skills(args) => skills::run(args),
+            #[cfg(feature = "sim")]
+            Self::Collect(args) => collect::run(args),
+            #[cfg(feature = "sim")]
+            Self::Data(args) => data::run(args),
+            Self::Train(args) => train::run(args),
+            Self::TrainPolicy(args) => train_policy::run(args),
+            #[cfg(feature = "sim")]
+            Self::Evaluate(args) => evaluate::run(args),
+            Self::Run(args) => run::run(args),
+            Self::Explain(args) => explain::run(args),
+        }
+    }
+}
