@@ -1,5 +1,12 @@
-//! The layer that names abi_stable's machinery: the root module of a skill library, the trait
+//! The layer that names `abi_stable`'s machinery: the root module of a skill library, the trait
 //! object of an instance, and the macro that exports both and stops panics at the border.
+#![allow(
+    unsafe_code,
+    non_local_definitions,
+    clippy::used_underscore_binding,
+    clippy::expl_impl_clone_on_copy,
+    reason = "in what abi_stable's macros write"
+)]
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -108,17 +115,13 @@ pub extern "C" fn create<S: Skill>(
 /// The root module of the plugin `S`.
 pub fn library<S: Skill>() -> SkillLibraryRef {
     use abi_stable::prefix_type::PrefixTypeTrait;
-    SkillLibrary {
-        interface_version: crate::INTERFACE_VERSION,
-        describe: describe::<S>,
-        create: create::<S>,
-    }
-    .leak_into_prefix()
+    SkillLibrary { interface_version: crate::INTERFACE_VERSION, describe: describe::<S>, create: create::<S> }
+        .leak_into_prefix()
 }
 
 /// Exports a [`Skill`] as the plugin of this library; panics in it come back as errors.
 ///
-/// abi_stable's own attribute writes `#[no_mangle]`, which the 2024 edition refuses; this is the
+/// `abi_stable`'s own attribute writes `#[no_mangle]`, which the 2024 edition refuses; this is the
 /// same header under our own symbol.
 #[macro_export]
 macro_rules! export_skill {
@@ -140,10 +143,7 @@ macro_rules! export_skill {
             #[unsafe(no_mangle)]
             pub static vocaloco_skill_library: LibHeader = unsafe {
                 // SAFETY: `root_module` returns the prefix of exactly this module type.
-                LibHeader::from_constructor::<$crate::abi::SkillLibraryRef>(
-                    root_module,
-                    CheckTypeLayout::Yes,
-                )
+                LibHeader::from_constructor::<$crate::abi::SkillLibraryRef>(root_module, CheckTypeLayout::Yes)
             };
         }
     };
