@@ -1,0 +1,57 @@
+//! Which solids lie below a point: buckets of half a metre, so that a field of 341 heights costs
+//! microseconds on terrain of fifty boxes.
+
+use super::Solid;
+
+const BUCKET_M: f32 = 0.5;
+
+/// For each bucket of the map, the solids that reach into it.
+#[derive(Clone, Debug)]
+pub(super) struct HeightLookup {
+    min_m: [f32; 2],
+    rows: usize,
+    columns: usize,
+    /// Where each bucket's solids start in `solids`; one more entry than buckets.
+    starts: Vec<u32>,
+    solids: Vec<u32>,
+}
+
+impl HeightLookup {
+    pub(super) fn new(solids: &[Solid], min_m: [f32; 2], max_m: [f32; 2]) -> Self {
+        let count = |axis: usize| ((max_m[axis] - min_m[axis]) / BUCKET_M) as usize + 1;
+        let (rows, columns) = (count(0), count(1));
+        let extents: Vec<_> = solids.iter().map(Solid::extent_m).collect();
+        let mut lookup = Self { min_m, rows, columns, starts: vec![0], solids: Vec::new() };
+        // A little wider than the bucket, so that rounding in `bucket` can never miss an edge.
+        let slack_m = 1e-3;
+        for row in 0..rows {
+            for column in 0..columns {
+                let low = [
+                    min_m[0] + row as f32 * BUCKET_M - slack_m,
+                    min_m[1] + column as f32 * BUCKET_M - slack_m,
+                ];
+                let high = low.map(|v| v + BUCKET_M + 2.0 * slack_m);
+                for (id, [from, to]) in extents.iter().enumerate() {
+                    if (0..2).all(|axis| from[axis] <= high[axis] && to[axis] >= low[axis]) {
+                        lookup.solids.push(id as u32);
+                    }
+                }
+                lookup.starts.push(lookup.solids.len() as u32);
+            }
+        }
+        lookup
+    }
+
+    /// Height of the highest solid at a point inside the map, m; NaN where there is none.
+    pub(super) fn height_m(&self, solids: &[Solid], x_m: f32, y_m: f32) -> f32 {
+        let row = (((x_m - self.min_m[0]) / BUCKET_M) as usize).min(self.rows - 1);
+        let column = (((y_m - self.min_m[1]) / BUCKET_M) as usize).min(self.columns - 1);
+        let bucket = row * self.columns + column;
+        let below = &self.solids[self.starts[bucket] as usize..self.starts[bucket + 1] as usize];
+        let mut height_m = f32::NEG_INFINITY;
+        for id in below {
+            height_m = height_m.max(solids[*id as usize].height_m(x_m, y_m));
+        }
+        if height_m.is_finite() { height_m } else { f32::NAN }
+    }
+}
