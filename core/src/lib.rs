@@ -1,1 +1,6 @@
-//! (skeleton)
+//! Everything of VOCALoco that runs on the robot: from an elevation map to the joint targets of the
+//! chosen skill. Knows no physics engine, no training and no particular skill.
+
+pub mod elevation;
+pub mod heightfield;
+pub mod robot;
