@@ -125,7 +125,7 @@ pub fn library<S: Skill>() -> SkillLibraryRef {
 /// same header under our own symbol.
 #[macro_export]
 macro_rules! export_skill {
-    ($skill:ty) => {
+    ($skill:ident) => {
         #[doc(hidden)]
         #[allow(unsafe_code, non_upper_case_globals, missing_docs, reason = "the exported symbol")]
         mod vocaloco_export {
