@@ -1,0 +1,340 @@
+//! The plant: one robot on one terrain in rapier3d, stepped at 200 Hz.
+//!
+//! Joints are a reduced-coordinate multibody with rotor inertia, ranges and self-collision; drives
+//! are modelled here, since the engine has none. The plant knows no skill and no clock: the same
+//! calls give the same bytes, and a restored snapshot continues bit for bit.
+
+mod measurement;
+mod pose;
+mod settings;
+mod world;
+
+use std::sync::Arc;
+
+use rapier3d::prelude::*;
+use vocaloco_core::robot::{RobotModel, Role};
+use vocaloco_plugin_api::JointTarget;
+
+use crate::terrain::Terrain;
+use world::{Handles, Part, World};
+
+pub use measurement::Measurement;
+pub use pose::BasePose;
+pub use settings::{Engine, PlantKind, Variation};
+
+/// Length of a physics step, s.
+pub const STEP_S: f32 = 0.005;
+/// Acceleration of gravity, m/s².
+pub const GRAVITY_M_PER_S2: f32 = 9.81;
+
+/// A robot on a terrain.
+pub struct Plant {
+    robot: Arc<RobotModel>,
+    handles: Handles,
+    parameters: IntegrationParameters,
+    /// The robot at the origin, before its first step.
+    pristine: World,
+    pipeline: PhysicsPipeline,
+    ccd: CCDSolver,
+    soft_bodies: SoftBodySet,
+    state: State,
+    torque_on_link: Vec<Vector>,
+}
+
+/// Everything that a step changes and a snapshot keeps.
+#[derive(Clone)]
+struct State {
+    world: World,
+    variation: Variation,
+    measurement: Measurement,
+    positive_work_j: f64,
+    signed_work_j: f64,
+}
+
+/// A plant's state, to continue from any number of times.
+#[derive(Clone)]
+pub struct Snapshot(State);
+
+impl Plant {
+    /// The robot upright at the origin in its stand pose; [`place`](Self::place) it before stepping.
+    pub fn new(robot: &Arc<RobotModel>, terrain: &Terrain, kind: PlantKind) -> Self {
+        Self::with_engine(robot, terrain, kind.engine())
+    }
+
+    /// As [`new`](Self::new), with the engine's settings given: for measuring them.
+    pub fn with_engine(robot: &Arc<RobotModel>, terrain: &Terrain, engine: Engine) -> Self {
+        let (pristine, handles) = World::build(robot, terrain);
+        let pose = BasePose::from_yaw([0.0, 0.0, robot.description.stand_height_m as f32], 0.0);
+        let stand = robot.stand_position_rad();
+        let state = State {
+            world: pristine.clone(),
+            variation: Variation::default(),
+            measurement: Measurement::at_rest(pose, &stand, robot.description.feet.len()),
+            positive_work_j: 0.0,
+            signed_work_j: 0.0,
+        };
+        let mut plant = Self {
+            robot: Arc::clone(robot),
+            torque_on_link: vec![Vector::ZERO; robot.links.len()],
+            handles,
+            parameters: parameters(engine),
+            pristine,
+            pipeline: PhysicsPipeline::new(),
+            ccd: CCDSolver::new(),
+            soft_bodies: SoftBodySet::new(),
+            state,
+        };
+        plant.place(&pose, &stand);
+        plant
+    }
+
+    /// Sets the robot down at rest, forgetting its contacts; work counts from here, the variation stays.
+    ///
+    /// `joint_position_rad` is in the robot's joint order and within the joints' ranges.
+    pub fn place(&mut self, pose: &BasePose, joint_position_rad: &[f32]) {
+        debug_assert_eq!(joint_position_rad.len(), self.robot.joint_count());
+        let mut world = self.pristine.clone();
+        let base = &mut world.bodies[self.handles.links[0]];
+        base.set_position(pose.into(), false);
+        if let Some((multibody, _)) = world.multibody_joints.get_mut(self.handles.multibody) {
+            let mut displacement = vec![0.0; multibody.ndofs()];
+            for (link, position) in multibody.links().skip(1).zip(joint_position_rad) {
+                displacement[link.assembly_id()] = *position;
+            }
+            multibody.apply_displacements(&displacement);
+            multibody.forward_kinematics(&world.bodies, true);
+            multibody.update_rigid_bodies(&mut world.bodies, true);
+        }
+        self.state.world = world;
+        self.state.measurement =
+            Measurement::at_rest(*pose, joint_position_rad, self.robot.description.feet.len());
+        self.pipeline = PhysicsPipeline::new();
+        self.reset_work();
+        let variation = self.state.variation;
+        self.vary(&variation);
+    }
+
+    /// Sets friction, base mass and motor strength from the next step on.
+    pub fn vary(&mut self, variation: &Variation) {
+        self.state.variation = *variation;
+        let world = &mut self.state.world;
+        for handle in &self.handles.robot_colliders {
+            let collider = &mut world.colliders[*handle];
+            collider.set_friction(variation.friction);
+        }
+        let link = &self.robot.links[0];
+        let mass_kg = link.mass_kg + f64::from(variation.base_mass_offset_kg);
+        let base = &mut world.bodies[self.handles.links[0]];
+        base.set_additional_mass_properties(world::mass_properties(link, mass_kg), false);
+        base.recompute_mass_properties_from_colliders(&world.colliders);
+    }
+
+    /// Adds a velocity to the base at once, m/s in the world.
+    pub fn push(&mut self, velocity_in_world: [f32; 3]) {
+        let world = &mut self.state.world;
+        if let Some((multibody, _)) = world.multibody_joints.get_mut(self.handles.multibody) {
+            let mut velocities = multibody.generalized_velocity_mut();
+            for (velocity, added) in velocities.iter_mut().zip(velocity_in_world) {
+                *velocity += added;
+            }
+        }
+        self.measure_motion();
+    }
+
+    /// One physics step with every drive following its target.
+    ///
+    /// ```text
+    /// τ = strength · limit(k·(q* − q) − d·q̇ + τ_ff, q̇)
+    /// ```
+    ///
+    /// with q and q̇ as measured before the step, τ held over it, and the drive's
+    /// [`limit`](vocaloco_core::robot::Drive::limit). `targets` is in the robot's joint order.
+    pub fn step(&mut self, targets: &[JointTarget]) {
+        debug_assert_eq!(targets.len(), self.robot.joint_count());
+        let measured = &mut self.state.measurement;
+        let strength = self.state.variation.motor_strength;
+        for (joint, target) in targets.iter().enumerate() {
+            let velocity = measured.joint_velocity_rad_per_s[joint];
+            let error = target.position_rad - measured.joint_position_rad[joint];
+            let asked = target.stiffness_nm_per_rad * error - target.damping_nms_per_rad * velocity
+                + target.feed_forward_nm;
+            measured.joint_torque_nm[joint] = strength * self.robot.drive.limit(asked, velocity);
+        }
+        self.advance();
+    }
+
+    /// One physics step with the joint torques given, N·m, unlimited: for comparisons of engines.
+    pub fn step_torques(&mut self, torque_nm: &[f32]) {
+        self.state.measurement.joint_torque_nm.copy_from_slice(torque_nm);
+        self.advance();
+    }
+
+    /// The measurement after the last step or placement.
+    pub fn measure(&self) -> &Measurement {
+        &self.state.measurement
+    }
+
+    /// Work of the driving joints since [`reset_work`](Self::reset_work), J.
+    ///
+    /// ```text
+    /// Σ_step Σ_joint max(0, τ·½(q̇₀ + q̇₁))·Δt
+    /// ```
+    pub fn positive_work_j(&self) -> f64 {
+        self.state.positive_work_j
+    }
+
+    /// As [`positive_work_j`](Self::positive_work_j), braking counted negative, J.
+    pub fn signed_work_j(&self) -> f64 {
+        self.state.signed_work_j
+    }
+
+    /// Starts counting work anew.
+    pub fn reset_work(&mut self) {
+        self.state.positive_work_j = 0.0;
+        self.state.signed_work_j = 0.0;
+    }
+
+    /// The state, to [`restore`](Self::restore) in this plant or in another one made alike.
+    pub fn snapshot(&self) -> Snapshot {
+        Snapshot(self.state.clone())
+    }
+
+    /// Continues from a snapshot of a plant with the same robot, terrain and kind, bit for bit.
+    pub fn restore(&mut self, snapshot: &Snapshot) {
+        self.state.clone_from(&snapshot.0);
+        // The pipeline holds work space that refers to the world it last stepped.
+        self.pipeline = PhysicsPipeline::new();
+    }
+
+    /// Mass with the variation, kg.
+    pub fn total_mass_kg(&self) -> f32 {
+        self.robot.description.mass_kg as f32 + self.state.variation.base_mass_offset_kg
+    }
+
+    /// The robot this is a plant of.
+    pub fn robot(&self) -> &Arc<RobotModel> {
+        &self.robot
+    }
+
+    /// Poses of all links in the world, the base first.
+    pub fn link_poses(&self) -> impl Iterator<Item = BasePose> + '_ {
+        self.handles.links.iter().map(|handle| self.state.world.bodies[*handle].position().into())
+    }
+
+    /// Applies the torques in the measurement, steps the world and measures.
+    fn advance(&mut self) {
+        self.apply_torques();
+        let world = &mut self.state.world;
+        self.pipeline.step(
+            Vector::new(0.0, 0.0, -GRAVITY_M_PER_S2),
+            &self.parameters,
+            &mut world.islands,
+            &mut world.broad_phase,
+            &mut world.narrow_phase,
+            &mut world.bodies,
+            &mut world.colliders,
+            &mut world.impulse_joints,
+            &mut world.multibody_joints,
+            &mut self.soft_bodies,
+            &mut self.ccd,
+            &(),
+            &(),
+        );
+        self.add_work();
+        self.measure_motion();
+        self.measure_contacts();
+    }
+
+    /// +τ on the child, −τ on the parent, about the joint's axis in the world.
+    fn apply_torques(&mut self) {
+        let world = &mut self.state.world;
+        self.torque_on_link.fill(Vector::ZERO);
+        for (index, joint) in self.robot.description.joints.iter().enumerate() {
+            let rotation = world.bodies[self.handles.links[index + 1]].rotation();
+            let torque = rotation * world::vector(joint.axis) * self.state.measurement.joint_torque_nm[index];
+            self.torque_on_link[index + 1] += torque;
+            self.torque_on_link[usize::try_from(joint.parent + 1).unwrap_or(0)] -= torque;
+        }
+        for (handle, torque) in self.handles.links.iter().zip(&self.torque_on_link) {
+            let body = &mut world.bodies[*handle];
+            // Torques given by the user persist from step to step.
+            body.reset_torques(false);
+            body.add_torque(*torque, false);
+        }
+    }
+
+    /// Adds the last step's work, while the measurement still holds the velocities before it.
+    fn add_work(&mut self) {
+        let State { world, measurement, positive_work_j, signed_work_j, .. } = &mut self.state;
+        let Some((multibody, _)) = world.multibody_joints.get(self.handles.multibody) else { return };
+        let velocities = multibody.generalized_velocity();
+        for (joint, link) in multibody.links().skip(1).enumerate() {
+            let before = measurement.joint_velocity_rad_per_s[joint];
+            let mean = 0.5 * (before + velocities[link.assembly_id()]);
+            let work = f64::from(measurement.joint_torque_nm[joint] * mean * STEP_S);
+            *signed_work_j += work;
+            *positive_work_j += work.max(0.0);
+        }
+    }
+
+    fn measure_motion(&mut self) {
+        let State { world, measurement, .. } = &mut self.state;
+        let Some((multibody, _)) = world.multibody_joints.get(self.handles.multibody) else { return };
+        let velocities = multibody.generalized_velocity();
+        for (joint, link) in multibody.links().skip(1).enumerate() {
+            measurement.joint_position_rad[joint] = link.joint().coords()[3];
+            measurement.joint_velocity_rad_per_s[joint] = velocities[link.assembly_id()];
+        }
+        let pose: BasePose = world.bodies[self.handles.links[0]].position().into();
+        measurement.base = pose;
+        measurement.base_linear_velocity = pose.vector_in_body([velocities[0], velocities[1], velocities[2]]);
+        measurement.base_angular_velocity =
+            pose.vector_in_body([velocities[3], velocities[4], velocities[5]]);
+        measurement.projected_gravity = pose.vector_in_body([0.0, 0.0, -1.0]);
+    }
+
+    fn measure_contacts(&mut self) {
+        let State { world, measurement, .. } = &mut self.state;
+        measurement.foot_contact.fill(false);
+        measurement.base_contact = false;
+        measurement.nonfoot_contact = false;
+        let part = |collider: ColliderHandle| self.handles.parts[collider.into_raw_parts().0 as usize];
+        for pair in world.narrow_phase.contact_pairs() {
+            let pressing = pair.rigid().is_some_and(|contacts| {
+                contacts
+                    .solver_manifolds()
+                    .iter()
+                    .any(|manifold| manifold.points.iter().any(|point| point.data.impulse > 0.0))
+            });
+            if !pressing {
+                continue;
+            }
+            let sides = [part(pair.collider1), part(pair.collider2)];
+            let on_terrain = sides.contains(&Part::Terrain);
+            for side in sides {
+                match side {
+                    Part::Robot(Role::Foot(foot)) => measurement.foot_contact[foot] |= on_terrain,
+                    Part::Robot(Role::Base) => {
+                        measurement.base_contact = true;
+                        measurement.nonfoot_contact = true;
+                    }
+                    Part::Robot(Role::Limb) => measurement.nonfoot_contact = true,
+                    Part::Terrain => {}
+                }
+            }
+        }
+    }
+}
+
+fn parameters(engine: Engine) -> IntegrationParameters {
+    IntegrationParameters {
+        dt: STEP_S,
+        num_solver_iterations: engine.iterations,
+        // Feet are slow against the thickness of the ground.
+        max_ccd_substeps: 0,
+        ..IntegrationParameters::default()
+    }
+}
+
+#[cfg(test)]
+mod tests;

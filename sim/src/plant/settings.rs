@@ -1,0 +1,52 @@
+//! What a plant can be told before it runs.
+
+/// Which of the two plants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PlantKind {
+    /// What reported numbers and certificates use.
+    Reference,
+    /// For searching and bulk data; docs/plant.md says how far it agrees with the reference.
+    Fast,
+}
+
+impl PlantKind {
+    /// The id used on the command line and in data sets.
+    pub const fn id(self) -> &'static str {
+        match self {
+            Self::Reference => "reference",
+            Self::Fast => "fast",
+        }
+    }
+
+    /// The engine's settings behind the plant; docs/plant.md holds the measurements they rest on.
+    pub const fn engine(self) -> Engine {
+        match self {
+            Self::Reference => Engine { iterations: 2 },
+            Self::Fast => Engine { iterations: 1 },
+        }
+    }
+}
+
+/// How rapier solves a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Engine {
+    /// Solver iterations, each a substep of its own.
+    pub iterations: usize,
+}
+
+/// What differs between rollouts from one pose.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Variation {
+    /// Coulomb friction between robot and ground.
+    pub friction: f32,
+    /// Mass added at the base's centre of mass, its inertia growing alike, kg.
+    pub base_mass_offset_kg: f32,
+    /// Factor on the torque that the drives give.
+    pub motor_strength: f32,
+}
+
+impl Default for Variation {
+    fn default() -> Self {
+        Self { friction: 0.8, base_mass_offset_kg: 0.0, motor_strength: 1.0 }
+    }
+}
