@@ -89,7 +89,7 @@ fn stairs_have_the_stated_rise_and_tread() {
         assert!((down.height_m(x_m, 1.0) - (3 - step) as f32 * rise_m).abs() < 1e-5, "down, step {step}");
     }
     // The first riser stands at 3 m.
-    assert_eq!([up.height_m(2.999, 0.0), up.height_m(3.001, 0.0)], [0.0, rise_m]);
+    assert!(up.height_m(2.999, 0.0).abs() < 1e-5 && (up.height_m(3.001, 0.0) - rise_m).abs() < 1e-5);
     let tile = Terrain::tile(TerrainKind::StairsUp, 0.2, 0);
     assert!((tile.height_m(7.0, 0.0) - 1.6).abs() < 1e-5, "eight steps of 20 cm");
 }
