@@ -1,0 +1,169 @@
+//! What differs between the rollouts of one pose: drawn per (seed, row, repeat), and switched off
+//! one by one for experiments.
+
+use std::collections::BTreeSet;
+
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    driver::SensorNoise,
+    plant::Variation,
+    stream::{stream, uniform},
+};
+
+/// Something that is drawn anew for each rollout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Perturbation {
+    /// Noise on what the plugin measures, its terrain patch included.
+    Noise,
+    /// Friction from 0.5 to 1.25.
+    Friction,
+    /// Base mass ± 5 kg.
+    Mass,
+    /// Phase at which the gait starts.
+    Phase,
+}
+
+impl Perturbation {
+    /// All of them, in the order of their ids.
+    pub const ALL: [Self; 4] = [Self::Noise, Self::Friction, Self::Mass, Self::Phase];
+
+    /// The id used on the command line.
+    pub const fn id(self) -> &'static str {
+        match self {
+            Self::Noise => "noise",
+            Self::Friction => "friction",
+            Self::Mass => "mass",
+            Self::Phase => "phase",
+        }
+    }
+}
+
+/// Which perturbations are on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Perturbations(BTreeSet<Perturbation>);
+
+impl Perturbations {
+    /// All of them: the protocol.
+    pub fn all() -> Self {
+        Self(Perturbation::ALL.into())
+    }
+
+    /// `all`, `none`, or ids separated by commas; `None` for anything else.
+    pub fn parse(text: &str) -> Option<Self> {
+        match text {
+            "all" => Some(Self::all()),
+            "none" => Some(Self(BTreeSet::new())),
+            list => list
+                .split(',')
+                .map(|id| Perturbation::ALL.into_iter().find(|one| one.id() == id))
+                .collect::<Option<_>>()
+                .map(Self),
+        }
+    }
+
+    /// Whether one of them is on.
+    pub fn contains(&self, perturbation: Perturbation) -> bool {
+        self.0.contains(&perturbation)
+    }
+}
+
+impl std::fmt::Display for Perturbations {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.0.is_empty() {
+            return formatter.write_str("none");
+        }
+        if *self == Self::all() {
+            return formatter.write_str("all");
+        }
+        let ids: Vec<&str> = self.0.iter().map(|one| one.id()).collect();
+        formatter.write_str(&ids.join(","))
+    }
+}
+
+/// What was drawn for one rollout.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Chance {
+    /// Friction and mass.
+    pub variation: Variation,
+    /// Where in its cycle a gait starts, 0 to 1; `None` leaves it to the plugin.
+    pub initial_phase: Option<f32>,
+    /// Noise on what the plugin measures.
+    pub noise: SensorNoise,
+    seed: u64,
+    index: [u64; 2],
+}
+
+impl Chance {
+    /// The draw of a repeat of a row; `noise` applies if noise is on. What is switched off leaves the
+    /// other draws as they are.
+    pub fn draw(seed: u64, row: u64, repeat: u64, on: &Perturbations, noise: SensorNoise) -> Self {
+        let mut rng = stream(seed, "chance", &[row, repeat]);
+        let friction = uniform(&mut rng, 0.5, 1.25);
+        let base_mass_offset_kg = uniform(&mut rng, -5.0, 5.0);
+        let phase = uniform(&mut rng, 0.0, 1.0);
+        let mut variation = Variation::default();
+        if on.contains(Perturbation::Friction) {
+            variation.friction = friction;
+        }
+        if on.contains(Perturbation::Mass) {
+            variation.base_mass_offset_kg = base_mass_offset_kg;
+        }
+        Self {
+            variation,
+            initial_phase: on.contains(Perturbation::Phase).then_some(phase),
+            noise: if on.contains(Perturbation::Noise) { noise } else { SensorNoise::NONE },
+            seed,
+            index: [row, repeat],
+        }
+    }
+
+    /// The stream that feeds the noise.
+    pub(super) fn noise_stream(&self) -> ChaCha8Rng {
+        stream(self.seed, "sensor_noise", &self.index)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn draw(row: u64, repeat: u64, on: &str) -> Chance {
+        Chance::draw(1, row, repeat, &Perturbations::parse(on).unwrap(), SensorNoise::default())
+    }
+
+    #[test]
+    fn rows_and_repeats_draw_differently_and_repeat_exactly() {
+        assert_eq!(draw(3, 1, "all"), draw(3, 1, "all"));
+        assert_ne!(draw(3, 1, "all").variation, draw(3, 2, "all").variation);
+        assert_ne!(draw(3, 1, "all").variation, draw(4, 1, "all").variation);
+    }
+
+    #[test]
+    fn draws_stay_inside_their_ranges() {
+        for row in 0..500 {
+            let chance = draw(row, 0, "all");
+            assert!((0.5..=1.25).contains(&chance.variation.friction));
+            assert!(chance.variation.base_mass_offset_kg.abs() <= 5.0);
+            assert!((0.0..=1.0).contains(&chance.initial_phase.unwrap()));
+        }
+    }
+
+    #[test]
+    fn what_is_switched_off_leaves_the_rest_as_it_was() {
+        let (all, one) = (draw(3, 1, "all"), draw(3, 1, "mass"));
+        assert_eq!(one.variation.base_mass_offset_kg, all.variation.base_mass_offset_kg);
+        assert_eq!(one.variation.friction, Variation::default().friction);
+        assert_eq!((one.initial_phase, one.noise), (None, SensorNoise::NONE));
+    }
+
+    #[test]
+    fn lists_are_read_and_written_the_same() {
+        for text in ["all", "none", "noise,mass", "friction"] {
+            assert_eq!(Perturbations::parse(text).unwrap().to_string(), text);
+        }
+        assert_eq!(Perturbations::parse("mass,wind"), None);
+    }
+}

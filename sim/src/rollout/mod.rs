@@ -1,0 +1,278 @@
+//! One rollout of the protocol (METHOD, section 3): from a settled pose straight ahead at 0.6 m/s
+//! until the horizon is passed, the base touches something, or time is up.
+
+mod chance;
+mod motion;
+mod skill;
+
+pub use chance::{Chance, Perturbation, Perturbations};
+pub use motion::{Histogram, Motion};
+pub use skill::{RolledSkill, SkillRefused};
+
+use serde::{Deserialize, Serialize};
+use vocaloco_core::plugin::PluginInstance;
+use vocaloco_plugin_api::Command;
+
+use crate::{
+    angle::wrapped_rad,
+    driver::{Driver, TICK_S},
+    plant::{BasePose, GRAVITY_M_PER_S2, Plant},
+    spawn::Spawn,
+    terrain::Terrain,
+};
+
+/// What a rollout asks of a skill. The default is METHOD, section 3.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RolloutRules {
+    /// Displacement along the spawn's yaw that counts as reached.
+    pub horizon_m: f64,
+    /// Largest displacement sideways at that moment.
+    pub sideways_m: f64,
+    /// Time allowed.
+    pub time_limit_s: f64,
+    /// Commanded forward velocity.
+    pub forward_m_per_s: f32,
+    /// Commanded yaw rate per heading error, 1/s, clipped to ± 1 rad/s.
+    pub steering_per_s: f32,
+    /// Cost of transport counts from here on.
+    pub cot_from_s: f64,
+}
+
+impl Default for RolloutRules {
+    fn default() -> Self {
+        Self {
+            horizon_m: 1.5,
+            sideways_m: 0.5,
+            time_limit_s: 4.0,
+            forward_m_per_s: 0.6,
+            steering_per_s: 0.5,
+            cot_from_s: 0.5,
+        }
+    }
+}
+
+/// How a rollout ended. Only [`Reached`](Self::Reached) is a success.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The base passed the horizon in time.
+    Reached,
+    /// The base touched something.
+    BaseCollision,
+    /// Time ran out beyond the horizon, but too far to the side.
+    OffPath,
+    /// Time ran out.
+    Timeout,
+    /// The plugin reported an error or gave targets that are not numbers.
+    Fault,
+}
+
+impl Outcome {
+    /// Every outcome.
+    pub const ALL: [Self; 5] =
+        [Self::Reached, Self::BaseCollision, Self::OffPath, Self::Timeout, Self::Fault];
+
+    /// The id used in data sets.
+    pub const fn id(self) -> &'static str {
+        match self {
+            Self::Reached => "reached",
+            Self::BaseCollision => "base_collision",
+            Self::OffPath => "off_path",
+            Self::Timeout => "timeout",
+            Self::Fault => "fault",
+        }
+    }
+}
+
+/// What one rollout gave.
+#[derive(Clone, Debug)]
+pub struct Rollout {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// When it ended, s.
+    pub duration_s: f64,
+    /// Displacement along the spawn's yaw, m.
+    pub distance_m: f64,
+    /// Cost of transport, positive work; `None` when the base moved less than 1 cm after 0.5 s.
+    pub cot_positive: Option<f64>,
+    /// Cost of transport, work as signed.
+    pub cot_signed: Option<f64>,
+    /// What joints and contacts did.
+    pub motion: Motion,
+}
+
+/// Less distance than this gives no cost of transport, m.
+const LEAST_DISTANCE_M: f64 = 0.01;
+
+/// Rolls a skill out from a settled pose.
+///
+/// ```text
+/// command = (0.6, 0, clip(0.5·(ψ_spawn − ψ), ±1))
+/// CoT     = Σ_step Σ_joint max(0, τ·½(q̇₀ + q̇₁))·Δt / (m·g·d)
+/// ```
+///
+/// with the mass drawn for the rollout, work and distance both from 0.5 s on. Position is looked at
+/// every tick, contact every physics step.
+///
+/// # Source
+/// Wu et al. (2025), eq. 1, with positive power only; METHOD, sections 1 and 3.
+pub fn roll_out(
+    plant: &mut Plant,
+    terrain: &Terrain,
+    spawn: &Spawn,
+    skill: &RolledSkill,
+    chance: &Chance,
+    rules: &RolloutRules,
+) -> Rollout {
+    plant.restore(&spawn.snapshot);
+    plant.vary(&chance.variation);
+    let path = Path::from(&spawn.base);
+    let mut motion = Motion::new(plant.robot().drive.velocity_limit_rad_per_s);
+    let mut instance = match skill.instance(chance.initial_phase, plant.robot()) {
+        Ok(instance) => instance,
+        Err(_) => return Rollout::fault_at_start(motion),
+    };
+    let (outcome, ticks, from) = drive(plant, terrain, &mut instance, skill, chance, rules, &path, &mut motion);
+    let [distance_m, _] = path.displacement_m(&plant.measure().base);
+    let cot = |work_j: f64| {
+        let counted_m = distance_m - from?;
+        let weight_n = f64::from(plant.total_mass_kg() * GRAVITY_M_PER_S2);
+        (counted_m >= LEAST_DISTANCE_M).then(|| work_j / (weight_n * counted_m))
+    };
+    Rollout {
+        outcome,
+        duration_s: ticks as f64 * TICK_S,
+        distance_m,
+        cot_positive: cot(plant.positive_work_j()),
+        cot_signed: cot(plant.signed_work_j()),
+        motion,
+    }
+}
+
+/// Ticks until the outcome is decided: outcome, ticks, and the displacement at which work began to
+/// count.
+#[allow(clippy::too_many_arguments, reason = "the loop of `roll_out`, cut out for its length alone")]
+fn drive(
+    plant: &mut Plant,
+    terrain: &Terrain,
+    instance: &mut PluginInstance,
+    skill: &RolledSkill,
+    chance: &Chance,
+    rules: &RolloutRules,
+    path: &Path,
+    motion: &mut Motion,
+) -> (Outcome, usize, Option<f64>) {
+    let ticks = (rules.time_limit_s / TICK_S).round() as usize;
+    let counted_from_tick = (rules.cot_from_s / TICK_S).round() as usize;
+    let mut counted_from_m = None;
+    let mut driver =
+        Driver::new(plant, terrain, instance, skill.description(), chance.noise, chance.noise_stream());
+    if driver.start().is_err() {
+        return (Outcome::Fault, 0, None);
+    }
+    for tick in 0..ticks {
+        let base = &driver.plant.measure().base;
+        if tick == counted_from_tick {
+            counted_from_m = Some(path.displacement_m(base)[0]);
+            driver.plant.reset_work();
+        }
+        let command = path.command(base, rules);
+        let mut base_contact = false;
+        let ticked = driver.tick(&command, |plant| {
+            let measured = plant.measure();
+            base_contact |= measured.base_contact;
+            motion.add_step(measured);
+        });
+        if ticked.is_err() || !driver.plant.measure().base.position_m.iter().all(|part| part.is_finite()) {
+            return (Outcome::Fault, tick, counted_from_m);
+        }
+        motion.add_targets(driver.targets());
+        if base_contact {
+            return (Outcome::BaseCollision, tick + 1, counted_from_m);
+        }
+        let [ahead_m, sideways_m] = path.displacement_m(&driver.plant.measure().base);
+        if ahead_m >= rules.horizon_m && sideways_m.abs() <= rules.sideways_m {
+            return (Outcome::Reached, tick + 1, counted_from_m);
+        }
+    }
+    let [ahead_m, _] = path.displacement_m(&driver.plant.measure().base);
+    let outcome = if ahead_m >= rules.horizon_m { Outcome::OffPath } else { Outcome::Timeout };
+    (outcome, ticks, counted_from_m)
+}
+
+impl Rollout {
+    fn fault_at_start(motion: Motion) -> Self {
+        Self {
+            outcome: Outcome::Fault,
+            duration_s: 0.0,
+            distance_m: 0.0,
+            cot_positive: None,
+            cot_signed: None,
+            motion,
+        }
+    }
+}
+
+/// The straight line ahead of a spawn.
+#[derive(Clone, Copy, Debug)]
+struct Path {
+    start_m: [f64; 2],
+    yaw_rad: f32,
+    cos_sin: [f64; 2],
+}
+
+impl From<&BasePose> for Path {
+    fn from(base: &BasePose) -> Self {
+        let yaw_rad = base.yaw();
+        Self {
+            start_m: [f64::from(base.position_m[0]), f64::from(base.position_m[1])],
+            yaw_rad,
+            cos_sin: [libm::cos(f64::from(yaw_rad)), libm::sin(f64::from(yaw_rad))],
+        }
+    }
+}
+
+impl Path {
+    /// Displacement ahead and to the left, m.
+    fn displacement_m(&self, base: &BasePose) -> [f64; 2] {
+        let dx = f64::from(base.position_m[0]) - self.start_m[0];
+        let dy = f64::from(base.position_m[1]) - self.start_m[1];
+        let [cos, sin] = self.cos_sin;
+        [cos * dx + sin * dy, cos * dy - sin * dx]
+    }
+
+    fn command(&self, base: &BasePose, rules: &RolloutRules) -> Command {
+        let error_rad = wrapped_rad(self.yaw_rad - base.yaw());
+        Command::velocity(rules.forward_m_per_s, 0.0, (rules.steering_per_s * error_rad).clamp(-1.0, 1.0))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn displacement_is_along_and_left_of_the_spawns_yaw() {
+        let spawn = BasePose::from_yaw([1.0, 2.0, 0.5], 0.5);
+        let path = Path::from(&spawn);
+        let (cos, sin) = (0.5_f32.cos(), 0.5_f32.sin());
+        // 1.5 m ahead and 0.2 m to the left.
+        let there =
+            BasePose::from_yaw([1.0 + 1.5 * cos - 0.2 * sin, 2.0 + 1.5 * sin + 0.2 * cos, 0.9], 0.1);
+        let [ahead_m, left_m] = path.displacement_m(&there);
+        assert!((ahead_m - 1.5).abs() < 1e-5 && (left_m - 0.2).abs() < 1e-5, "{ahead_m} {left_m}");
+    }
+
+    #[test]
+    fn the_command_steers_back_to_the_spawns_yaw() {
+        let rules = RolloutRules::default();
+        let path = Path::from(&BasePose::from_yaw([0.0; 3], 3.1));
+        let turned_left = path.command(&BasePose::from_yaw([0.0; 3], -3.1), &rules);
+        // −3.1 is 0.083 rad to the left of 3.1, across ±π.
+        assert!((turned_left.velocity[2] + 0.5 * 0.0832).abs() < 1e-3, "{:?}", turned_left.velocity);
+        let opposite = Path::from(&BasePose::from_yaw([0.0; 3], 0.0));
+        let command = opposite.command(&BasePose::from_yaw([0.0; 3], -3.0), &rules);
+        assert_eq!(command.velocity, [0.6, 0.0, 1.0], "clipped at 1 rad/s");
+    }
+}

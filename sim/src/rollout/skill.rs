@@ -1,0 +1,113 @@
+//! A skill as rollouts use it: its plugin and parameters, with no predictor.
+
+use std::sync::Arc;
+
+use thiserror::Error;
+use vocaloco_core::{
+    plugin::{PluginError, PluginInstance, PluginLibrary},
+    robot::RobotModel,
+};
+use vocaloco_plugin_api::{CommandKind, Description};
+
+/// The parameter by which a plugin lets its gait start anywhere in its cycle, 0 to 1.
+const PHASE: &str = "initial_phase";
+
+/// A plugin with parameters, ready to make an instance for each rollout.
+#[derive(Clone)]
+pub struct RolledSkill {
+    /// Name of the skill.
+    pub name: String,
+    library: Arc<PluginLibrary>,
+    parameters: toml::Table,
+    text: String,
+    takes_phase: bool,
+}
+
+/// A skill that cannot be rolled out.
+#[derive(Debug, Error)]
+pub enum SkillRefused {
+    /// Its parameters are not TOML.
+    #[error("skill {skill}: parameters do not parse: {source}")]
+    Parameters {
+        /// Name of the skill.
+        skill: String,
+        /// What the parser says.
+        source: Box<toml::de::Error>,
+    },
+    /// It follows another kind of command than rollouts give.
+    #[error("skill {skill}: command.kind is position_target, velocity wanted: rollouts command a velocity")]
+    Command {
+        /// Name of the skill.
+        skill: String,
+    },
+    /// The plugin does not take its parameters or the robot.
+    #[error("skill {skill}: {source}")]
+    Plugin {
+        /// Name of the skill.
+        skill: String,
+        /// What the plugin says.
+        source: PluginError,
+    },
+}
+
+impl RolledSkill {
+    /// Checks that the plugin takes the parameter text and the robot.
+    ///
+    /// # Errors
+    /// As [`SkillRefused`] says.
+    pub fn new(
+        name: &str,
+        library: Arc<PluginLibrary>,
+        parameters: &str,
+        robot: &RobotModel,
+    ) -> Result<Self, SkillRefused> {
+        if library.description().command != CommandKind::Velocity {
+            return Err(SkillRefused::Command { skill: name.to_owned() });
+        }
+        let table = toml::from_str(parameters).map_err(|source| SkillRefused::Parameters {
+            skill: name.to_owned(),
+            source: Box::new(source),
+        })?;
+        let takes_phase = library.description().parameters.iter().any(|one| one.name == PHASE);
+        let skill = Self {
+            name: name.to_owned(),
+            library,
+            parameters: table,
+            text: parameters.to_owned(),
+            takes_phase,
+        };
+        let plugin_error = |source| SkillRefused::Plugin { skill: name.to_owned(), source };
+        skill.instance(Some(0.5), robot).map_err(plugin_error)?;
+        Ok(skill)
+    }
+
+    /// What the plugin says of itself.
+    pub fn description(&self) -> &Description {
+        self.library.description()
+    }
+
+    /// The plugin.
+    pub fn library(&self) -> &PluginLibrary {
+        &self.library
+    }
+
+    /// The parameter text, without a phase.
+    pub fn parameters(&self) -> &str {
+        &self.text
+    }
+
+    /// A fresh instance that starts at `phase` of its cycle, if the plugin offers that.
+    ///
+    /// # Errors
+    /// What the plugin reports.
+    pub fn instance(&self, phase: Option<f32>, robot: &RobotModel) -> Result<PluginInstance, PluginError> {
+        match phase {
+            Some(phase) if self.takes_phase => {
+                let mut parameters = self.parameters.clone();
+                parameters.insert(PHASE.to_owned(), toml::Value::Float(f64::from(phase)));
+                self.library.create(&parameters.to_string(), &robot.description)
+            }
+            _ => self.library.create(&self.text, &robot.description),
+        }
+    }
+}
