@@ -3,4 +3,7 @@
 
 pub mod elevation;
 pub mod heightfield;
+pub mod installation;
+pub mod manifest;
+pub mod plugin;
 pub mod robot;

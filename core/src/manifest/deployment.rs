@@ -1,0 +1,123 @@
+//! `manifests/deployments/<name>.toml`: which skills may run on which robot.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+
+use super::reader::Source;
+use super::{Finding, is_snake_case};
+
+/// A checked deployment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Deployment {
+    /// The file it was read from.
+    pub file: PathBuf,
+    /// Stem of that file.
+    pub name: String,
+    /// Name of the robot.
+    pub robot: String,
+    /// Skills by name; of equal cost the earlier one wins.
+    pub skills: Vec<String>,
+    /// Rate of decisions and of `act`, Hz.
+    pub rate_hz: f64,
+    /// Ticks that must agree before the robot switches.
+    pub switch_window: usize,
+    /// Ticks that must agree before it stops for want of a viable skill.
+    pub stop_window: usize,
+    /// Ticks that one skill must win before a stop is left.
+    pub resume_window: usize,
+    /// When terrain counts as unknown.
+    pub heightfield: HeightfieldLimits,
+}
+
+/// When terrain counts as unknown.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeightfieldLimits {
+    /// Oldest terrain that is still looked at, s.
+    pub max_age_s: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Raw {
+    #[serde(rename = "schema")]
+    _schema: u32,
+    robot: String,
+    skills: Vec<String>,
+    #[serde(default = "fifty")]
+    rate_hz: f64,
+    #[serde(default = "ten")]
+    switch_window: usize,
+    stop_window: Option<usize>,
+    #[serde(default = "twenty_five")]
+    resume_window: usize,
+    #[serde(default)]
+    heightfield: RawHeightfield,
+}
+
+#[derive(Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct RawHeightfield {
+    max_age_s: f64,
+}
+
+impl Default for RawHeightfield {
+    fn default() -> Self {
+        Self { max_age_s: 0.2 }
+    }
+}
+
+fn fifty() -> f64 {
+    50.0
+}
+fn ten() -> usize {
+    10
+}
+fn twenty_five() -> usize {
+    25
+}
+
+impl Deployment {
+    /// Reads and checks one deployment; whether its skills are sound is the registry's business.
+    ///
+    /// # Errors
+    /// The first thing that is not as the schema wants it.
+    pub fn read(path: &Path) -> Result<Self, Finding> {
+        let source = Source::read(path)?;
+        let raw: Raw = source.parse()?;
+        if !is_snake_case(&raw.robot) {
+            let found = format!("{:?}", raw.robot);
+            return Err(source.finding("robot", found, "a robot's name in snake_case"));
+        }
+        if raw.skills.is_empty() {
+            return Err(source.finding("skills", "none", "at least one skill"));
+        }
+        for (index, skill) in raw.skills.iter().enumerate() {
+            if !is_snake_case(skill) || raw.skills[..index].contains(skill) {
+                let field = format!("skills[{index}]");
+                let wanted = "each skill once, by its name in snake_case";
+                return Err(source.finding(&field, format!("{skill:?}"), wanted));
+            }
+        }
+        let window = |field: &str, ticks: usize| {
+            if (1..=1000).contains(&ticks) {
+                Ok(ticks)
+            } else {
+                Err(source.finding(field, ticks, "1 to 1000 ticks"))
+            }
+        };
+        Ok(Self {
+            file: path.to_owned(),
+            name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+            rate_hz: source.inside("rate_hz", raw.rate_hz, 1.0..=1000.0)?,
+            switch_window: window("switch_window", raw.switch_window)?,
+            stop_window: window("stop_window", raw.stop_window.unwrap_or(raw.switch_window))?,
+            resume_window: window("resume_window", raw.resume_window)?,
+            heightfield: HeightfieldLimits {
+                max_age_s: source.inside("heightfield.max_age_s", raw.heightfield.max_age_s, 0.001..=60.0)?,
+            },
+            robot: raw.robot,
+            skills: raw.skills,
+        })
+    }
+}

@@ -1,0 +1,240 @@
+//! `manifests/skills/<name>.toml`: a plugin bound to its models.
+
+use std::path::{Component, Path, PathBuf};
+
+use serde::Deserialize;
+use vocaloco_plugin_api::CommandKind;
+
+use super::contract::{Contract, RawContract};
+use super::reader::Source;
+use super::{Finding, is_snake_case};
+
+/// A checked skill manifest.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SkillManifest {
+    /// The file it was read from.
+    pub file: PathBuf,
+    /// Name of the skill, and stem of its file.
+    pub name: String,
+    /// One line for people.
+    pub summary: String,
+    /// Name of the plugin, resolved on the plugin path.
+    pub plugin: String,
+    /// Its models, relative to the skill's folder.
+    pub models: Models,
+    /// How the selector treats it.
+    pub selection: Selection,
+    /// The commands it takes.
+    pub command: CommandRange,
+    /// What its predictors predict.
+    pub rollout: Rollout,
+    /// What its policy was trained with; empty for a structured controller.
+    pub contract: Contract,
+}
+
+/// Files of a skill, relative to `skills/<name>/`; none leads out of that folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Models {
+    /// A policy network, for plugins that run one.
+    pub policy: Option<PathBuf>,
+    /// The parameter text of a structured controller.
+    pub parameters: Option<PathBuf>,
+    /// The viability predictor.
+    pub viability: PathBuf,
+    /// The predictor of cost of transport.
+    pub cot: PathBuf,
+}
+
+/// How the selector treats a skill.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Selection {
+    /// The least predicted viability at which the skill may be chosen, 0 to 1.
+    pub viability_threshold: f32,
+    /// Once active, it stays until its target, its time limit or a fault.
+    pub committed: bool,
+}
+
+/// The commands a skill takes; outside them it is not viable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CommandRange {
+    /// Velocity or position target.
+    pub kind: CommandKind,
+    /// Forward velocity, m/s, least and greatest.
+    pub forward_m_per_s: [f64; 2],
+    /// How far ahead a position target is set, m.
+    pub target_distance_m: Option<f64>,
+}
+
+/// What a rollout of the collection protocol asks of a skill.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rollout {
+    /// Distance to cover, m.
+    pub horizon_m: f64,
+    /// Time for it, s.
+    pub time_limit_s: f64,
+}
+
+impl Default for Rollout {
+    fn default() -> Self {
+        Self { horizon_m: 1.5, time_limit_s: 4.0 }
+    }
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Raw {
+    #[serde(rename = "schema")]
+    _schema: u32,
+    name: String,
+    summary: String,
+    plugin: String,
+    models: RawModels,
+    selection: RawSelection,
+    command: RawCommand,
+    #[serde(default)]
+    rollout: RawRollout,
+    #[serde(default)]
+    contract: RawContract,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawModels {
+    policy: Option<PathBuf>,
+    parameters: Option<PathBuf>,
+    viability: PathBuf,
+    cot: PathBuf,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawSelection {
+    viability_threshold: f64,
+    #[serde(default)]
+    committed: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum RawKind {
+    Velocity,
+    PositionTarget,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawCommand {
+    kind: RawKind,
+    forward_m_per_s: Option<[f64; 2]>,
+    target_distance_m: Option<f64>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct RawRollout {
+    horizon_m: Option<f64>,
+    time_limit_s: Option<f64>,
+}
+
+impl SkillManifest {
+    /// Reads and checks one manifest.
+    ///
+    /// # Errors
+    /// The first thing that is not as the schema wants it.
+    pub fn read(path: &Path) -> Result<Self, Finding> {
+        let source = Source::read(path)?;
+        let raw: Raw = source.parse()?;
+        let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("");
+        if raw.name != stem || !is_snake_case(&raw.name) {
+            let wanted = format!("{stem:?}, as the file is called, in snake_case");
+            return Err(source.finding("name", format!("{:?}", raw.name), wanted));
+        }
+        if !is_snake_case(&raw.plugin) {
+            let found = format!("{:?}", raw.plugin);
+            return Err(source.finding("plugin", found, "a plugin's name in snake_case"));
+        }
+        Ok(Self {
+            file: path.to_owned(),
+            models: models(&source, raw.models)?,
+            selection: Selection {
+                viability_threshold: source.inside(
+                    "selection.viability_threshold",
+                    raw.selection.viability_threshold,
+                    0.0..=1.0,
+                )? as f32,
+                committed: raw.selection.committed,
+            },
+            command: command(&source, &raw.command)?,
+            rollout: rollout(&source, &raw.rollout)?,
+            contract: raw.contract.check(&source)?,
+            name: raw.name,
+            summary: raw.summary,
+            plugin: raw.plugin,
+        })
+    }
+}
+
+fn models(source: &Source<'_>, raw: RawModels) -> Result<Models, Finding> {
+    let inside = |field: &str, path: &PathBuf| {
+        let plain = path.components().all(|part| matches!(part, Component::Normal(_)));
+        if plain && path.components().next().is_some() {
+            return Ok(());
+        }
+        Err(source.finding(field, format!("\"{}\"", path.display()), "a path inside the skill's own folder"))
+    };
+    for (field, path) in [("models.policy", &raw.policy), ("models.parameters", &raw.parameters)] {
+        if let Some(path) = path {
+            inside(field, path)?;
+        }
+    }
+    inside("models.viability", &raw.viability)?;
+    inside("models.cot", &raw.cot)?;
+    Ok(Models { policy: raw.policy, parameters: raw.parameters, viability: raw.viability, cot: raw.cot })
+}
+
+fn command(source: &Source<'_>, raw: &RawCommand) -> Result<CommandRange, Finding> {
+    let kind = match raw.kind {
+        RawKind::Velocity => CommandKind::Velocity,
+        RawKind::PositionTarget => CommandKind::PositionTarget,
+    };
+    let forward_m_per_s = match (kind, raw.forward_m_per_s) {
+        (_, Some([least, greatest])) => {
+            let field = "command.forward_m_per_s";
+            source.inside(field, least, -5.0..=5.0)?;
+            source.inside(field, greatest, -5.0..=5.0)?;
+            if least > greatest {
+                let found = format!("[{least}, {greatest}]");
+                return Err(source.finding(field, found, "the smaller one first"));
+            }
+            [least, greatest]
+        }
+        (CommandKind::Velocity, None) => {
+            return Err(source.finding("command.forward_m_per_s", "nothing", "[least, greatest] in m/s"));
+        }
+        (CommandKind::PositionTarget, None) => [0.0, 0.0],
+    };
+    let field = "command.target_distance_m";
+    match (kind, raw.target_distance_m) {
+        (CommandKind::PositionTarget, Some(distance)) => {
+            source.inside(field, distance, 0.1..=10.0)?;
+        }
+        (CommandKind::PositionTarget, None) => {
+            return Err(source.finding(field, "nothing", "metres to the target, 0.1 to 10"));
+        }
+        (CommandKind::Velocity, Some(distance)) => {
+            return Err(source.finding(field, distance, "nothing when kind = \"velocity\""));
+        }
+        (CommandKind::Velocity, None) => {}
+    }
+    Ok(CommandRange { kind, forward_m_per_s, target_distance_m: raw.target_distance_m })
+}
+
+fn rollout(source: &Source<'_>, raw: &RawRollout) -> Result<Rollout, Finding> {
+    let default = Rollout::default();
+    let horizon_m = raw.horizon_m.unwrap_or(default.horizon_m);
+    let time_limit_s = raw.time_limit_s.unwrap_or(default.time_limit_s);
+    Ok(Rollout {
+        horizon_m: source.inside("rollout.horizon_m", horizon_m, 0.2..=10.0)?,
+        time_limit_s: source.inside("rollout.time_limit_s", time_limit_s, 0.5..=60.0)?,
+    })
+}

@@ -1,0 +1,131 @@
+use std::fs;
+use std::path::Path;
+
+use super::*;
+
+const SKILL: &str = include_str!("../../../manifests/skills/ascend.toml");
+const DEPLOYMENT: &str = include_str!("../../../manifests/deployments/anymal_stairs.toml");
+
+fn written<T>(name: &str, text: &str, read: impl Fn(&Path) -> Result<T, Finding>) -> Result<T, Finding> {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = folder.path().join(name);
+    fs::write(&path, text).expect("a written file");
+    read(&path)
+}
+
+/// The refusal of the shipped `ascend.toml` with `from` replaced by `to`: line, field, found, wanted.
+fn refusal(from: &str, to: &str) -> (Option<usize>, String, String, String) {
+    assert!(SKILL.contains(from), "{from} is in the shipped manifest");
+    let finding = written("ascend.toml", &SKILL.replacen(from, to, 1), SkillManifest::read).expect_err(to);
+    assert!(!finding.to_string().contains('\n'), "{finding}");
+    (finding.line, finding.field, finding.found, finding.wanted)
+}
+
+#[test]
+fn the_shipped_manifests_are_read_as_written() {
+    let skill = written("ascend.toml", SKILL, SkillManifest::read).expect("sound");
+    assert_eq!((skill.name.as_str(), skill.plugin.as_str()), ("ascend", "gait"));
+    assert_eq!(skill.selection, Selection { viability_threshold: 0.925, committed: false });
+    assert_eq!(skill.rollout, Rollout { horizon_m: 1.5, time_limit_s: 4.0 });
+    let deployment = written("anymal_stairs.toml", DEPLOYMENT, Deployment::read).expect("sound");
+    assert_eq!(deployment.skills, ["walk", "ascend", "descend"]);
+    assert_eq!((deployment.switch_window, deployment.stop_window, deployment.resume_window), (10, 10, 25));
+}
+
+#[test]
+fn an_unknown_field_is_named_with_its_table_and_the_known_ones() {
+    let (line, field, found, wanted) = refusal("viability_threshold = 0.925", "viability_treshold = 0.925");
+    assert_eq!((line, field.as_str()), (Some(12), "selection.viability_treshold"));
+    assert_eq!(found, "a field that is not known here");
+    assert!(wanted.contains("`viability_threshold`"), "{wanted}");
+    let (_, field, ..) = refusal("plugin =", "colour = \"red\"\nplugin =");
+    assert_eq!(field, "colour");
+}
+
+#[test]
+fn a_missing_field_is_named_with_its_table() {
+    let (_, field, found, _) = refusal("viability_threshold = 0.925\n", "");
+    assert_eq!((field.as_str(), found.as_str()), ("selection.viability_threshold", "nothing"));
+    let (_, field, ..) = refusal("summary = \"Climbs stairs\"\n", "");
+    assert_eq!(field, "summary");
+}
+
+#[test]
+fn a_value_of_the_wrong_type_is_named() {
+    let (line, field, found, wanted) = refusal("0.925", "\"high\"");
+    assert_eq!((line, field.as_str()), (Some(12), "selection.viability_threshold"));
+    assert!(found.contains("high") && !wanted.is_empty(), "{found}, {wanted}");
+}
+
+#[test]
+fn a_nan_threshold_is_refused() {
+    let (line, field, found, wanted) = refusal("0.925", "nan");
+    assert_eq!((line, field.as_str()), (Some(12), "selection.viability_threshold"));
+    assert_eq!((found.as_str(), wanted.as_str()), ("NaN", "0 to 1"));
+}
+
+#[test]
+fn another_schema_is_refused_before_its_unknown_fields() {
+    let (line, field, found, wanted) = refusal("schema = 1", "schema = 2\nfuture = true");
+    assert_eq!((line, field.as_str(), found.as_str(), wanted.as_str()), (Some(1), "schema", "2", "1"));
+}
+
+#[test]
+fn a_name_unlike_the_file_is_refused() {
+    let (_, field, found, wanted) = refusal("\"ascend\"", "\"climb\"");
+    assert_eq!((field.as_str(), found.as_str()), ("name", "\"climb\""));
+    assert!(wanted.contains("\"ascend\""), "{wanted}");
+}
+
+#[test]
+fn a_path_out_of_the_skill_folder_is_refused() {
+    for path in ["../walk/cot.onnx", "/etc/passwd", "a/../../b", ""] {
+        let (_, field, found, _) = refusal("\"cot.onnx\"", &format!("{path:?}"));
+        assert_eq!((field.as_str(), found), ("models.cot", format!("{path:?}")));
+    }
+}
+
+#[test]
+fn a_command_range_upside_down_is_refused() {
+    let (_, field, ..) = refusal("[0.0, 0.7]", "[0.7, 0.4]");
+    assert_eq!(field, "command.forward_m_per_s");
+    let (_, field, ..) = refusal("[0.0, 0.7]", "[nan, 0.7]");
+    assert_eq!(field, "command.forward_m_per_s");
+}
+
+#[test]
+fn broken_toml_is_refused_with_its_line() {
+    let (line, ..) = refusal("[selection]", "[selection");
+    assert_eq!(line, Some(11));
+}
+
+#[test]
+fn an_oversized_manifest_is_refused_unread() {
+    let text = format!("{SKILL}# {}", "x".repeat(1 << 20));
+    let finding = written("ascend.toml", &text, SkillManifest::read).expect_err("refused");
+    assert!(finding.found.contains("more than 1048576 bytes"), "{finding}");
+}
+
+#[test]
+fn a_deployment_out_of_range_is_refused_by_field() {
+    for (from, to, field) in [
+        ("switch_window = 10", "switch_window = 0", "switch_window"),
+        ("max_age_s = 0.2", "max_age_s = nan", "heightfield.max_age_s"),
+        ("rate_hz = 50", "rate_hz = inf", "rate_hz"),
+        ("\"descend\"]", "\"walk\"]", "skills[2]"),
+        ("[\"walk\", \"ascend\", \"descend\"]", "[]", "skills"),
+    ] {
+        assert!(DEPLOYMENT.contains(from), "{from}");
+        let finding = written("d.toml", &DEPLOYMENT.replacen(from, to, 1), Deployment::read).expect_err(to);
+        assert_eq!(finding.field, field, "{finding}");
+    }
+}
+
+#[test]
+fn the_stop_window_is_as_long_as_the_switch_window_unless_set() {
+    let deployment =
+        written("d.toml", &DEPLOYMENT.replacen("= 10", "= 7", 1), Deployment::read).expect("sound");
+    assert_eq!(deployment.stop_window, 7);
+    let text = DEPLOYMENT.replacen("switch_window = 10", "switch_window = 7\nstop_window = 1", 1);
+    assert_eq!(written("d.toml", &text, Deployment::read).expect("sound").stop_window, 1);
+}

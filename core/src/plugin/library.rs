@@ -1,0 +1,166 @@
+//! A plugin's library: found on the plugin path, checked, loaded once in a process.
+#![allow(unsafe_code, reason = "reads a symbol of a foreign library")]
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use abi_stable::library::{AbiHeaderRef, LibHeader, LibraryError, RootModule};
+use abi_stable::std_types::RStr;
+use sha2::{Digest, Sha256};
+use vocaloco_plugin_api::abi::{LIBRARY_SYMBOL, SkillLibraryRef};
+use vocaloco_plugin_api::{Description, INTERFACE_VERSION, RobotDescription};
+
+use super::{PluginError, PluginInstance, description, image};
+use crate::manifest::Finding;
+
+/// A loaded plugin. It stays loaded until the process ends.
+pub struct PluginLibrary {
+    file: PathBuf,
+    sha256: String,
+    description: Description,
+    root: SkillLibraryRef,
+}
+
+type Loaded = BTreeMap<[u8; 32], Result<Arc<PluginLibrary>, PluginError>>;
+
+/// Every library this process has tried to load, by hash: a bad one is not loaded twice either.
+static LOADED: Mutex<Loaded> = Mutex::new(BTreeMap::new());
+
+/// File name of the plugin `name` on this platform, such as `libgait.so`.
+pub fn library_file_name(name: &str) -> String {
+    format!("{}{name}{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX)
+}
+
+impl PluginLibrary {
+    /// Loads the plugin `name` from the first folder of `search_path` that holds its library.
+    ///
+    /// # Errors
+    /// There is none, its file is not whole, it is not of this interface, or it describes itself in a
+    /// way that makes no sense.
+    pub fn open(search_path: &[PathBuf], name: &str) -> Result<Arc<Self>, PluginError> {
+        let file_name = library_file_name(name);
+        let Some(file) = search_path.iter().map(|folder| folder.join(&file_name)).find(|file| file.is_file())
+        else {
+            let folders: Vec<_> = search_path.iter().map(|folder| folder.display().to_string()).collect();
+            let wanted = format!("that file in {}", folders.join(" or "));
+            return Err(PluginError::NotFound(Finding::new(
+                Path::new(&file_name),
+                "plugin",
+                "no such file",
+                wanted,
+            )));
+        };
+        let bytes = std::fs::read(&file).map_err(|error| {
+            PluginError::NotFound(Finding::new(&file, "plugin", error, "a readable file"))
+        })?;
+        let digest: [u8; 32] = Sha256::digest(&bytes).into();
+        let library = {
+            // Held while loading: two threads must not load the same bytes twice.
+            let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
+            loaded.entry(digest).or_insert_with(|| Self::load(&file, &bytes, &digest).map(Arc::new)).clone()
+        };
+        let library = library.map_err(|error| error.about(&file))?;
+        if library.description.name != name {
+            let found = format!("{:?}", library.description.name.as_str());
+            let wanted = format!("{name:?}, as the file is called");
+            return Err(PluginError::Description(Finding::new(&file, "name", found, wanted)));
+        }
+        Ok(library)
+    }
+
+    fn load(file: &Path, bytes: &[u8], digest: &[u8; 32]) -> Result<Self, PluginError> {
+        let finding = |field, found: &str, wanted: &str| Finding::new(file, field, found, wanted);
+        #[cfg(all(target_os = "linux", target_pointer_width = "64"))]
+        super::elf::check(bytes)
+            .map_err(|(field, found, wanted)| PluginError::NotALibrary(finding(field, &found, &wanted)))?;
+        let library = image::load(bytes).map_err(|error| {
+            PluginError::NotALibrary(finding("library", &error, "a library that this system loads"))
+        })?;
+        // SAFETY: only the header's magic is read through it before `upgrade` has checked that, and a
+        // header never changes its layout.
+        let header = unsafe { library.get::<AbiHeaderRef>(LIBRARY_SYMBOL) }.map_err(|_| {
+            let symbol =
+                String::from_utf8_lossy(LIBRARY_SYMBOL.strip_suffix(b"\0").unwrap_or(LIBRARY_SYMBOL));
+            let found = format!("no symbol {symbol}");
+            let wanted = "a plugin that calls vocaloco_plugin_api::export_skill!";
+            PluginError::ForeignInterface(finding("interface", &found, wanted))
+        })?;
+        let header = *header;
+        let foreign = |error: &LibraryError| {
+            let found = match error {
+                LibraryError::InvalidAbiHeader(_) => "no header of this abi_stable version".to_owned(),
+                LibraryError::IncompatibleVersionNumber { actual_version, .. } => {
+                    format!("vocaloco-plugin-api {actual_version}")
+                }
+                LibraryError::AbiInstability(_) => "types laid out otherwise than this host's".to_owned(),
+                LibraryError::RootModule { .. } => "a library that fails to start".to_owned(),
+                _ => "a library that this host does not understand".to_owned(),
+            };
+            PluginError::ForeignInterface(finding("interface", &found, &interface()))
+        };
+        let root = header
+            .upgrade()
+            .and_then(LibHeader::init_root_module::<SkillLibraryRef>)
+            .map_err(|error| foreign(&error))?;
+        if root.interface_version() != INTERFACE_VERSION {
+            let found = format!("skill interface {}", root.interface_version());
+            return Err(PluginError::ForeignInterface(finding("interface", &found, &interface())));
+        }
+        let description = (root.describe())().into_result().map_err(|error| {
+            PluginError::Description(finding("describe", &error.message, "a description"))
+        })?;
+        description::check(file, &description).map_err(PluginError::Description)?;
+        let sha256 = digest.iter().fold(String::new(), |hex, byte| format!("{hex}{byte:02x}"));
+        Ok(Self { file: file.to_owned(), sha256, description, root })
+    }
+
+    /// What the plugin says of itself.
+    pub fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// SHA-256 of the bytes that were loaded, lowercase hex.
+    pub fn sha256(&self) -> &str {
+        &self.sha256
+    }
+
+    /// The file it was loaded from.
+    pub fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// A new instance for `robot`, from the text of a parameter file.
+    ///
+    /// # Errors
+    /// The plugin refuses the text or the robot, or the robot lacks a joint the plugin drives.
+    pub fn create(
+        self: &Arc<Self>,
+        parameters: &str,
+        robot: &RobotDescription,
+    ) -> Result<PluginInstance, PluginError> {
+        for joint in &self.description.joints {
+            if !robot.joints.iter().any(|known| known.name == *joint) {
+                let wanted = format!("a joint of {}", robot.name);
+                return Err(PluginError::Create(Finding::new(&self.file, "joints", joint, wanted)));
+            }
+        }
+        let instance =
+            (self.root.create())(RStr::from_str(parameters), robot).into_result().map_err(|error| {
+                let wanted = format!("parameters and a robot that {} takes", self.description.name);
+                PluginError::Create(Finding::new(&self.file, "parameters", &error.message, wanted))
+            })?;
+        Ok(PluginInstance::new(Arc::clone(self), instance, robot))
+    }
+}
+
+fn interface() -> String {
+    let api = SkillLibraryRef::VERSION_STRINGS.version;
+    format!("vocaloco-plugin-api {api} with skill interface {INTERFACE_VERSION}, as this host has it")
+}
+
+impl std::fmt::Debug for PluginLibrary {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(formatter, "PluginLibrary({} {})", self.file.display(), self.sha256)
+    }
+}

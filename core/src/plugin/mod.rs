@@ -1,0 +1,18 @@
+//! The host's side of `plugins/api`: finds a plugin's library, makes sure that it can be loaded,
+//! and wraps its instances.
+//!
+//! A library is read once, hashed, and loaded from the very bytes that were hashed; one whose hash
+//! is loaded is reused; none is ever unloaded, since unwinding, thread locals and buffers of a
+//! plugin may outlive every handle to it.
+
+mod description;
+#[cfg(any(test, all(target_os = "linux", target_pointer_width = "64")))]
+mod elf;
+mod error;
+mod image;
+mod instance;
+mod library;
+
+pub use error::PluginError;
+pub use instance::PluginInstance;
+pub use library::{PluginLibrary, library_file_name};
