@@ -4,6 +4,8 @@
 //! are modelled here, since the engine has none. The plant knows no skill and no clock: the same
 //! calls give the same bytes, and a restored snapshot continues bit for bit.
 
+mod articulation;
+mod energy;
 mod measurement;
 mod pose;
 mod settings;
@@ -16,11 +18,13 @@ use vocaloco_core::robot::{RobotModel, Role};
 use vocaloco_plugin_api::JointTarget;
 
 use crate::terrain::Terrain;
+use articulation::{Motion, parent_link};
 use world::{Handles, Part, World};
 
+pub use energy::Momentum;
 pub use measurement::Measurement;
 pub use pose::BasePose;
-pub use settings::{Engine, PlantKind, Variation};
+pub use settings::{Engine, JointKind, PlantKind, Variation};
 
 /// Length of a physics step, s.
 pub const STEP_S: f32 = 0.005;
@@ -38,7 +42,9 @@ pub struct Plant {
     ccd: CCDSolver,
     soft_bodies: SoftBodySet,
     state: State,
+    engine: Engine,
     torque_on_link: Vec<Vector>,
+    velocity_before: Vec<f32>,
 }
 
 /// Everything that a step changes and a snapshot keeps.
@@ -63,7 +69,7 @@ impl Plant {
 
     /// As [`new`](Self::new), with the engine's settings given: for measuring them.
     pub fn with_engine(robot: &Arc<RobotModel>, terrain: &Terrain, engine: Engine) -> Self {
-        let (pristine, handles) = World::build(robot, terrain);
+        let (pristine, handles) = World::build(robot, terrain, engine);
         let pose = BasePose::from_yaw([0.0, 0.0, robot.description.stand_height_m as f32], 0.0);
         let stand = robot.stand_position_rad();
         let state = State {
@@ -75,7 +81,9 @@ impl Plant {
         };
         let mut plant = Self {
             robot: Arc::clone(robot),
+            engine,
             torque_on_link: vec![Vector::ZERO; robot.links.len()],
+            velocity_before: vec![0.0; robot.joint_count()],
             handles,
             parameters: parameters(engine),
             pristine,
@@ -94,17 +102,8 @@ impl Plant {
     pub fn place(&mut self, pose: &BasePose, joint_position_rad: &[f32]) {
         debug_assert_eq!(joint_position_rad.len(), self.robot.joint_count());
         let mut world = self.pristine.clone();
-        let base = &mut world.bodies[self.handles.links[0]];
-        base.set_position(pose.into(), false);
-        if let Some((multibody, _)) = world.multibody_joints.get_mut(self.handles.multibody) {
-            let mut displacement = vec![0.0; multibody.ndofs()];
-            for (link, position) in multibody.links().skip(1).zip(joint_position_rad) {
-                displacement[link.assembly_id()] = *position;
-            }
-            multibody.apply_displacements(&displacement);
-            multibody.forward_kinematics(&world.bodies, true);
-            multibody.update_rigid_bodies(&mut world.bodies, true);
-        }
+        let Handles { links, articulation, .. } = &self.handles;
+        articulation.place(&mut world, &self.robot, links, pose, joint_position_rad);
         self.state.world = world;
         self.state.measurement =
             Measurement::at_rest(*pose, joint_position_rad, self.robot.description.feet.len());
@@ -131,13 +130,8 @@ impl Plant {
 
     /// Adds a velocity to the base at once, m/s in the world.
     pub fn push(&mut self, velocity_in_world: [f32; 3]) {
-        let world = &mut self.state.world;
-        if let Some((multibody, _)) = world.multibody_joints.get_mut(self.handles.multibody) {
-            let mut velocities = multibody.generalized_velocity_mut();
-            for (velocity, added) in velocities.iter_mut().zip(velocity_in_world) {
-                *velocity += added;
-            }
-        }
+        let Handles { links, articulation, .. } = &self.handles;
+        articulation.push(&mut self.state.world, links, velocity_in_world);
         self.measure_motion();
     }
 
@@ -211,6 +205,13 @@ impl Plant {
         self.robot.description.mass_kg as f32 + self.state.variation.base_mass_offset_kg
     }
 
+    /// Kinetic energy and vertical momentum, from the measurement: to check the work against.
+    pub fn momentum(&self) -> Momentum {
+        let links = world::links_with_rotors(&self.robot, self.engine.joints);
+        let State { measurement, variation, .. } = &self.state;
+        energy::momentum(&self.robot, &links, measurement, variation.base_mass_offset_kg)
+    }
+
     /// The robot this is a plant of.
     pub fn robot(&self) -> &Arc<RobotModel> {
         &self.robot
@@ -240,8 +241,9 @@ impl Plant {
             &(),
             &(),
         );
-        self.add_work();
+        self.velocity_before.copy_from_slice(&self.state.measurement.joint_velocity_rad_per_s);
         self.measure_motion();
+        self.add_work();
         self.measure_contacts();
     }
 
@@ -253,7 +255,7 @@ impl Plant {
             let rotation = world.bodies[self.handles.links[index + 1]].rotation();
             let torque = rotation * world::vector(joint.axis) * self.state.measurement.joint_torque_nm[index];
             self.torque_on_link[index + 1] += torque;
-            self.torque_on_link[usize::try_from(joint.parent + 1).unwrap_or(0)] -= torque;
+            self.torque_on_link[parent_link(&self.robot, index)] -= torque;
         }
         for (handle, torque) in self.handles.links.iter().zip(&self.torque_on_link) {
             let body = &mut world.bodies[*handle];
@@ -263,34 +265,35 @@ impl Plant {
         }
     }
 
-    /// Adds the last step's work, while the measurement still holds the velocities before it.
+    fn measure_motion(&mut self) {
+        let State { world, measurement, .. } = &mut self.state;
+        let mut motion = Motion {
+            joint_position_rad: &mut measurement.joint_position_rad,
+            joint_velocity_rad_per_s: &mut measurement.joint_velocity_rad_per_s,
+            base_linear_in_world: [0.0; 3],
+            base_angular_in_world: [0.0; 3],
+        };
+        let Handles { links, articulation, .. } = &self.handles;
+        articulation.read(world, &self.robot, links, &mut motion);
+        let (linear, angular) = (motion.base_linear_in_world, motion.base_angular_in_world);
+        let pose: BasePose = world.bodies[links[0]].position().into();
+        measurement.base = pose;
+        measurement.base_linear_velocity = pose.vector_in_body(linear);
+        measurement.base_angular_velocity = pose.vector_in_body(angular);
+        measurement.projected_gravity = pose.vector_in_body([0.0, 0.0, -1.0]);
+    }
+
+    /// Adds the last step's work, given the joint velocities before it.
     fn add_work(&mut self) {
-        let State { world, measurement, positive_work_j, signed_work_j, .. } = &mut self.state;
-        let Some((multibody, _)) = world.multibody_joints.get(self.handles.multibody) else { return };
-        let velocities = multibody.generalized_velocity();
-        for (joint, link) in multibody.links().skip(1).enumerate() {
-            let before = measurement.joint_velocity_rad_per_s[joint];
-            let mean = 0.5 * (before + velocities[link.assembly_id()]);
-            let work = f64::from(measurement.joint_torque_nm[joint] * mean * STEP_S);
+        let State { measurement, positive_work_j, signed_work_j, .. } = &mut self.state;
+        let after = &measurement.joint_velocity_rad_per_s;
+        for ((torque, before), after) in
+            measurement.joint_torque_nm.iter().zip(&self.velocity_before).zip(after)
+        {
+            let work = f64::from(torque * 0.5 * (before + after) * STEP_S);
             *signed_work_j += work;
             *positive_work_j += work.max(0.0);
         }
-    }
-
-    fn measure_motion(&mut self) {
-        let State { world, measurement, .. } = &mut self.state;
-        let Some((multibody, _)) = world.multibody_joints.get(self.handles.multibody) else { return };
-        let velocities = multibody.generalized_velocity();
-        for (joint, link) in multibody.links().skip(1).enumerate() {
-            measurement.joint_position_rad[joint] = link.joint().coords()[3];
-            measurement.joint_velocity_rad_per_s[joint] = velocities[link.assembly_id()];
-        }
-        let pose: BasePose = world.bodies[self.handles.links[0]].position().into();
-        measurement.base = pose;
-        measurement.base_linear_velocity = pose.vector_in_body([velocities[0], velocities[1], velocities[2]]);
-        measurement.base_angular_velocity =
-            pose.vector_in_body([velocities[3], velocities[4], velocities[5]]);
-        measurement.projected_gravity = pose.vector_in_body([0.0, 0.0, -1.0]);
     }
 
     fn measure_contacts(&mut self) {

@@ -21,15 +21,26 @@ impl PlantKind {
     /// The engine's settings behind the plant; docs/plant.md holds the measurements they rest on.
     pub const fn engine(self) -> Engine {
         match self {
-            Self::Reference => Engine { iterations: 2 },
-            Self::Fast => Engine { iterations: 1 },
+            Self::Reference => Engine { joints: JointKind::Multibody, iterations: 2 },
+            Self::Fast => Engine { joints: JointKind::Multibody, iterations: 1 },
         }
     }
+}
+
+/// How the engine joins links.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointKind {
+    /// Reduced coordinates: joints cannot stretch, and carry rotor inertia.
+    Multibody,
+    /// Free bodies held together by impulses: joints stretch under load, and have no rotor inertia.
+    Impulse,
 }
 
 /// How rapier solves a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Engine {
+    /// How the links are joined.
+    pub joints: JointKind,
     /// Solver iterations, each a substep of its own.
     pub iterations: usize,
 }

@@ -3,6 +3,7 @@
 use rapier3d::prelude::*;
 use vocaloco_core::robot::{Link, RobotModel, Role, Shape, ShapeKind};
 
+use super::{Engine, JointKind, articulation::Articulation};
 use crate::terrain::Terrain;
 
 /// What a contact of a collider means; by the collider's index in its set.
@@ -28,8 +29,7 @@ pub(super) struct World {
 pub(super) struct Handles {
     /// By link, the base first.
     pub(super) links: Vec<RigidBodyHandle>,
-    /// Any joint of the multibody.
-    pub(super) multibody: MultibodyJointHandle,
+    pub(super) articulation: Articulation,
     /// By collider index.
     pub(super) parts: Vec<Part>,
     pub(super) robot_colliders: Vec<ColliderHandle>,
@@ -37,7 +37,7 @@ pub(super) struct Handles {
 
 impl World {
     /// The robot at the origin with all joints at zero, on the terrain.
-    pub(super) fn build(robot: &RobotModel, terrain: &Terrain) -> (Self, Handles) {
+    pub(super) fn build(robot: &RobotModel, terrain: &Terrain, engine: Engine) -> (Self, Handles) {
         let mut world = Self {
             bodies: RigidBodySet::new(),
             colliders: ColliderSet::new(),
@@ -57,10 +57,10 @@ impl World {
         }
         let mut links = Vec::with_capacity(robot.links.len());
         let mut robot_colliders = Vec::new();
-        for link in &robot.links {
+        for link in links_with_rotors(robot, engine.joints) {
             let body = RigidBodyBuilder::dynamic()
                 .can_sleep(false)
-                .additional_mass_properties(mass_properties(link, link.mass_kg));
+                .additional_mass_properties(mass_properties(&link, link.mass_kg));
             let handle = world.bodies.insert(body);
             for shape in &link.shapes {
                 let collider = world.colliders.insert_with_parent(collider(shape), handle, &mut world.bodies);
@@ -70,35 +70,26 @@ impl World {
             world.bodies[handle].recompute_mass_properties_from_colliders(&world.colliders);
             links.push(handle);
         }
-        let multibody = world.join(robot, &links);
-        (world, Handles { links, multibody, parts, robot_colliders })
+        let articulation = Articulation::join(engine.joints, &mut world, robot, &links);
+        (world, Handles { links, articulation, parts, robot_colliders })
     }
+}
 
-    /// Joins the links by multibody joints.
-    ///
-    /// # Panics
-    /// When the robot has no joint: [`RobotModel`] does not load such a one.
-    fn join(&mut self, robot: &RobotModel, links: &[RigidBodyHandle]) -> MultibodyJointHandle {
-        let mut last = None;
-        for (index, joint) in robot.description.joints.iter().enumerate() {
-            let parent = links[usize::try_from(joint.parent + 1).unwrap_or(0)];
-            let mut hinge = RevoluteJointBuilder::new(vector(joint.axis))
-                .local_anchor1(vector(joint.origin_in_parent_m))
-                .local_anchor2(Vector::ZERO)
-                .limits([joint.lower_rad as f32, joint.upper_rad as f32])
-                .build();
-            hinge.data.contacts_enabled = false;
-            last = self.multibody_joints.insert(parent, links[index + 1], hinge, true);
+/// The links as the engine gets them. Impulse joints carry no rotor inertia: the nearest to it is to
+/// put it on the link behind the joint, which is exact while the link before it does not turn.
+pub(super) fn links_with_rotors(robot: &RobotModel, joints: JointKind) -> Vec<Link> {
+    let mut links = robot.links.clone();
+    if joints == JointKind::Impulse {
+        for (link, joint) in links[1..].iter_mut().zip(&robot.description.joints) {
+            for (row, row_axis) in link.inertia_kg_m2.iter_mut().zip(joint.axis) {
+                for (value, column_axis) in row.iter_mut().zip(joint.axis) {
+                    *value += link.armature_kg_m2 * row_axis * column_axis;
+                }
+            }
+            link.armature_kg_m2 = 0.0;
         }
-        let handle = last.expect("a robot has joints");
-        let (multibody, _) = self.multibody_joints.get_mut(handle).expect("just inserted");
-        multibody.damping_mut().fill(0.0);
-        let assembly_ids: Vec<usize> = multibody.links().skip(1).map(MultibodyLink::assembly_id).collect();
-        for (link, id) in robot.links[1..].iter().zip(assembly_ids) {
-            multibody.armature_mut()[id] = link.armature_kg_m2 as f32;
-        }
-        handle
     }
+    links
 }
 
 fn note(parts: &mut Vec<Part>, handle: ColliderHandle, part: Part) {
