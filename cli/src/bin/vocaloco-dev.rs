@@ -1,2 +1,22 @@
-//! d
-fn main(){}
+//! `cargo demo` and its like for developers: builds the plugins and `vocaloco` itself, then runs
+//! `vocaloco` with the same arguments and ends as it ends.
+
+use std::process::{Command, ExitCode};
+
+fn main() -> ExitCode {
+    match run() {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn run() -> Result<ExitCode, Box<dyn std::error::Error>> {
+    let folder = vocaloco_dev::build_plugins(&["plugins"], &["vocaloco"])?;
+    let program = folder.join(format!("vocaloco{}", std::env::consts::EXE_SUFFIX));
+    let status = Command::new(program).args(std::env::args_os().skip(1)).status()?;
+    // Without a code it was killed by a signal: it did not get to run to its end.
+    Ok(ExitCode::from(status.code().and_then(|code| u8::try_from(code).ok()).unwrap_or(2)))
+}

@@ -1,0 +1,91 @@
+//! A throw-away installation: the shipped robots, and skills as a test writes them.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use tempfile::TempDir;
+use vocaloco_core::installation::Installation;
+
+/// A throw-away installation; its files vanish with it.
+pub struct Fixture {
+    folder: TempDir,
+    plugin_path: Vec<PathBuf>,
+}
+
+/// A sound manifest of a skill that runs the test plugin `faulty`.
+const FAULTY_SKILL: &str = r#"schema = 1
+name = "NAME"
+summary = "Holds the stand and misbehaves as told"
+plugin = "faulty"
+
+[models]
+parameters = "fault.txt"
+viability = "viability.onnx"
+cot = "cot.onnx"
+
+[selection]
+viability_threshold = 0.9
+
+[command]
+kind = "velocity"
+forward_m_per_s = [0.0, 0.7]
+"#;
+
+impl Default for Fixture {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Fixture {
+    /// An installation with the shipped robots and plugins and no skills.
+    ///
+    /// # Panics
+    /// When the folder cannot be written.
+    pub fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let fixture = Self { folder, plugin_path: vec![crate::plugin_folder().to_owned()] };
+        for file in ["anymal_d.xml", "anymal_d.toml"] {
+            let path = format!("manifests/robots/{file}");
+            fixture.write(&path, &fs::read(crate::repository().join(&path)).expect("the shipped robot"));
+        }
+        fixture
+    }
+
+    /// As `vocaloco-core` takes it.
+    pub fn installation(&self) -> Installation {
+        Installation { root: self.root().to_owned(), plugin_path: self.plugin_path.clone() }
+    }
+
+    /// The folder.
+    pub fn root(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Searches `folder` of this installation for plugins first.
+    pub fn search_first(&mut self, folder: &str) {
+        self.plugin_path.insert(0, self.folder.path().join(folder));
+    }
+
+    /// Writes a file, with the folders it needs.
+    ///
+    /// # Panics
+    /// When it cannot be written.
+    pub fn write(&self, path: &str, bytes: &[u8]) {
+        let path = self.root().join(path);
+        fs::create_dir_all(path.parent().expect("a folder")).expect("a writable folder");
+        fs::write(path, bytes).expect("a written file");
+    }
+
+    /// Adds a sound skill that runs `faulty` with the given parameters and has no predictors yet.
+    pub fn add_skill(&self, name: &str, parameters: &str) {
+        self.write(&format!("manifests/skills/{name}.toml"), FAULTY_SKILL.replace("NAME", name).as_bytes());
+        self.write(&format!("skills/{name}/fault.txt"), parameters.as_bytes());
+    }
+
+    /// Adds a deployment of these skills on the shipped robot.
+    pub fn add_deployment(&self, name: &str, skills: &[&str]) {
+        let text = format!("schema = 1\nrobot = \"anymal_d\"\nskills = {skills:?}\n");
+        self.write(&format!("manifests/deployments/{name}.toml"), text.as_bytes());
+    }
+}

@@ -1,0 +1,124 @@
+//! A plugin that holds the stand and misbehaves as its parameter text says: `fault after_ticks`, such
+//! as `panic 10`; see [`Fault`]. It uses the interface crate alone, as a plugin may.
+
+use vocaloco_plugin_api::abi::abi_stable::std_types::{RNone, RVec};
+use vocaloco_plugin_api::{
+    Command, CommandKind, Description, ErrorCode, JointTarget, Needs, Range, RobotDescription, RobotState,
+    Skill, SkillError,
+};
+
+/// How it misbehaves in `act`, from the tick `after_ticks` on.
+#[derive(Clone, Copy, Debug)]
+enum Fault {
+    None,
+    Panic,
+    PanicInReset,
+    Error,
+    Nan,
+    InfiniteGain,
+    OutOfRange,
+    NegativeStiffness,
+    /// Leaves the targets as they were handed in.
+    Silent,
+    /// Sleeps 200 ms.
+    Slow,
+}
+
+/// The controller.
+pub struct Faulty {
+    fault: Fault,
+    after_ticks: u32,
+    tick: u32,
+    stand_rad: Vec<f32>,
+}
+
+fn refuse(found: &str) -> SkillError {
+    SkillError::new(
+        ErrorCode::Parameters,
+        format!("parameters: found {found:?}, wanted a fault and a tick, such as `panic 10`"),
+    )
+}
+
+impl Skill for Faulty {
+    fn describe() -> Description {
+        Description {
+            name: "faulty".into(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            summary: "Misbehaves as told".into(),
+            joints: RVec::new(),
+            rate_hz: 50.0,
+            command: CommandKind::Velocity,
+            forward_m_per_s: Range { min: -1.0, max: 1.0 },
+            needs: Needs { terrain: RNone, foot_contacts: false, joint_torques: false },
+            parameters: RVec::new(),
+        }
+    }
+
+    fn create(parameters: &str, robot: &RobotDescription) -> Result<Self, SkillError> {
+        let mut words = parameters.split_whitespace();
+        let fault = match words.next() {
+            None | Some("none") => Fault::None,
+            Some("panic") => Fault::Panic,
+            Some("panic_in_reset") => Fault::PanicInReset,
+            Some("panic_in_create") => panic!("asked for a panic in create"),
+            Some("error") => Fault::Error,
+            Some("nan") => Fault::Nan,
+            Some("infinite_gain") => Fault::InfiniteGain,
+            Some("out_of_range") => Fault::OutOfRange,
+            Some("negative_stiffness") => Fault::NegativeStiffness,
+            Some("silent") => Fault::Silent,
+            Some("slow") => Fault::Slow,
+            Some(other) => return Err(refuse(other)),
+        };
+        let after_ticks = match words.next() {
+            None => 0,
+            Some(number) => number.parse().map_err(|_| refuse(number))?,
+        };
+        let stand_rad = robot.joints.iter().map(|joint| joint.stand_rad as f32).collect();
+        Ok(Self { fault, after_ticks, tick: 0, stand_rad })
+    }
+
+    fn reset(&mut self, _state: &RobotState<'_>) -> Result<(), SkillError> {
+        assert!(!matches!(self.fault, Fault::PanicInReset), "asked for a panic in reset");
+        self.tick = 0;
+        Ok(())
+    }
+
+    fn act(
+        &mut self,
+        _state: &RobotState<'_>,
+        _command: &Command,
+        joints: &mut [JointTarget],
+    ) -> Result<(), SkillError> {
+        let due = self.tick >= self.after_ticks;
+        self.tick += 1;
+        if due && matches!(self.fault, Fault::Silent) {
+            return Ok(());
+        }
+        for (target, position_rad) in joints.iter_mut().zip(&self.stand_rad) {
+            *target = JointTarget {
+                position_rad: *position_rad,
+                stiffness_nm_per_rad: 80.0,
+                damping_nms_per_rad: 2.0,
+                feed_forward_nm: 0.0,
+            };
+        }
+        if due {
+            // Not the first joint, so that a check of only that one is caught.
+            let joint = &mut joints[7];
+            match self.fault {
+                Fault::None | Fault::PanicInReset | Fault::Silent => {}
+                Fault::Panic => panic!("asked for a panic in act"),
+                Fault::Error => return Err(SkillError::new(ErrorCode::Internal, "asked for an error")),
+                Fault::Nan => joint.position_rad = f32::NAN,
+                Fault::InfiniteGain => joint.damping_nms_per_rad = f32::INFINITY,
+                Fault::OutOfRange => joint.position_rad = 50.0,
+                Fault::NegativeStiffness => joint.stiffness_nm_per_rad = -80.0,
+                Fault::Slow => std::thread::sleep(std::time::Duration::from_millis(200)),
+            }
+        }
+        Ok(())
+    }
+}
+
+vocaloco_plugin_api::export_skill!(Faulty);
