@@ -2,8 +2,15 @@
 //! skills through `vocaloco-core`, as the robot does, and knows no particular one.
 
 mod angle;
+pub mod collect;
+pub mod dataset;
+pub mod driver;
+pub mod evaluate;
+pub mod identity;
 pub mod kinematics;
 pub mod plant;
+pub mod rollout;
+pub mod scene;
 pub mod scores;
 pub mod spawn;
 pub mod stream;

@@ -1,4 +1,4 @@
-//! What differs between the rollouts of one pose: drawn per (seed, row, repeat), and switched off
+//! What differs between the rollouts of one pose: drawn per (row's seed, repeat), and switched off
 //! one by one for experiments.
 
 use std::collections::BTreeSet;
@@ -92,15 +92,15 @@ pub struct Chance {
     pub initial_phase: Option<f32>,
     /// Noise on what the plugin measures.
     pub noise: SensorNoise,
-    seed: u64,
-    index: [u64; 2],
+    row_seed: u64,
+    repeat: u64,
 }
 
 impl Chance {
     /// The draw of a repeat of a row; `noise` applies if noise is on. What is switched off leaves the
     /// other draws as they are.
-    pub fn draw(seed: u64, row: u64, repeat: u64, on: &Perturbations, noise: SensorNoise) -> Self {
-        let mut rng = stream(seed, "chance", &[row, repeat]);
+    pub fn draw(row_seed: u64, repeat: u64, on: &Perturbations, noise: SensorNoise) -> Self {
+        let mut rng = stream(row_seed, "chance", &[repeat]);
         let friction = uniform(&mut rng, 0.5, 1.25);
         let base_mass_offset_kg = uniform(&mut rng, -5.0, 5.0);
         let phase = uniform(&mut rng, 0.0, 1.0);
@@ -115,14 +115,14 @@ impl Chance {
             variation,
             initial_phase: on.contains(Perturbation::Phase).then_some(phase),
             noise: if on.contains(Perturbation::Noise) { noise } else { SensorNoise::NONE },
-            seed,
-            index: [row, repeat],
+            row_seed,
+            repeat,
         }
     }
 
     /// The stream that feeds the noise.
     pub(super) fn noise_stream(&self) -> ChaCha8Rng {
-        stream(self.seed, "sensor_noise", &self.index)
+        stream(self.row_seed, "sensor_noise", &[self.repeat])
     }
 }
 
@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     fn draw(row: u64, repeat: u64, on: &str) -> Chance {
-        Chance::draw(1, row, repeat, &Perturbations::parse(on).unwrap(), SensorNoise::default())
+        Chance::draw(row, repeat, &Perturbations::parse(on).unwrap(), SensorNoise::default())
     }
 
     #[test]

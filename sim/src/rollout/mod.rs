@@ -10,7 +10,6 @@ pub use motion::{Histogram, Motion};
 pub use skill::{RolledSkill, SkillRefused};
 
 use serde::{Deserialize, Serialize};
-use vocaloco_core::plugin::PluginInstance;
 use vocaloco_plugin_api::Command;
 
 use crate::{
@@ -105,100 +104,105 @@ pub struct Rollout {
 /// Less distance than this gives no cost of transport, m.
 const LEAST_DISTANCE_M: f64 = 0.01;
 
-/// Rolls a skill out from a settled pose.
-///
-/// ```text
-/// command = (0.6, 0, clip(0.5·(ψ_spawn − ψ), ±1))
-/// CoT     = Σ_step Σ_joint max(0, τ·½(q̇₀ + q̇₁))·Δt / (m·g·d)
-/// ```
-///
-/// with the mass drawn for the rollout, work and distance both from 0.5 s on. Position is looked at
-/// every tick, contact every physics step.
-///
-/// # Source
-/// Wu et al. (2025), eq. 1, with positive power only; METHOD, sections 1 and 3.
-pub fn roll_out(
-    plant: &mut Plant,
-    terrain: &Terrain,
-    spawn: &Spawn,
-    skill: &RolledSkill,
-    chance: &Chance,
-    rules: &RolloutRules,
-) -> Rollout {
-    plant.restore(&spawn.snapshot);
-    plant.vary(&chance.variation);
-    let path = Path::from(&spawn.base);
-    let mut motion = Motion::new(plant.robot().drive.velocity_limit_rad_per_s);
-    let mut instance = match skill.instance(chance.initial_phase, plant.robot()) {
-        Ok(instance) => instance,
-        Err(_) => return Rollout::fault_at_start(motion),
-    };
-    let (outcome, ticks, from) = drive(plant, terrain, &mut instance, skill, chance, rules, &path, &mut motion);
-    let [distance_m, _] = path.displacement_m(&plant.measure().base);
-    let cot = |work_j: f64| {
-        let counted_m = distance_m - from?;
-        let weight_n = f64::from(plant.total_mass_kg() * GRAVITY_M_PER_S2);
-        (counted_m >= LEAST_DISTANCE_M).then(|| work_j / (weight_n * counted_m))
-    };
-    Rollout {
-        outcome,
-        duration_s: ticks as f64 * TICK_S,
-        distance_m,
-        cot_positive: cot(plant.positive_work_j()),
-        cot_signed: cot(plant.signed_work_j()),
-        motion,
+/// A skill, the pose it starts from, and what is asked of it.
+#[derive(Clone, Copy)]
+pub struct Trial<'a> {
+    /// The terrain of the plant and the pose.
+    pub terrain: &'a Terrain,
+    /// The settled pose.
+    pub spawn: &'a Spawn,
+    /// The skill.
+    pub skill: &'a RolledSkill,
+    /// What is asked of it.
+    pub rules: &'a RolloutRules,
+}
+
+impl Trial<'_> {
+    /// Rolls the skill out on the plant that the pose was settled on.
+    ///
+    /// ```text
+    /// command = (0.6, 0, clip(0.5·(ψ_spawn − ψ), ±1))
+    /// CoT     = Σ_step Σ_joint max(0, τ·½(q̇₀ + q̇₁))·Δt / (m·g·d)
+    /// ```
+    ///
+    /// with the mass drawn for the rollout, work and distance both from 0.5 s on. Position is looked
+    /// at every tick, contact every physics step.
+    ///
+    /// # Source
+    /// Wu et al. (2025), eq. 1, with positive power only; METHOD, sections 1 and 3.
+    pub fn roll_out(&self, plant: &mut Plant, chance: &Chance) -> Rollout {
+        plant.restore(&self.spawn.snapshot);
+        plant.vary(&chance.variation);
+        let path = Path::from(&self.spawn.base);
+        let mut motion = Motion::new(plant.robot().drive.velocity_limit_rad_per_s);
+        let Ok(mut instance) = self.skill.instance(chance.initial_phase, plant.robot()) else {
+            return Rollout::fault_at_start(motion);
+        };
+        let description = self.skill.description();
+        let mut driver =
+            Driver::new(plant, self.terrain, &mut instance, description, chance.noise, chance.noise_stream());
+        let end = self.drive(&mut driver, &path, &mut motion);
+        let [distance_m, _] = path.displacement_m(&plant.measure().base);
+        let cot = |work_j: f64| {
+            let counted_m = distance_m - end.counted_from_m?;
+            let weight_n = f64::from(plant.total_mass_kg() * GRAVITY_M_PER_S2);
+            (counted_m >= LEAST_DISTANCE_M).then(|| work_j / (weight_n * counted_m))
+        };
+        Rollout {
+            outcome: end.outcome,
+            duration_s: end.ticks as f64 * TICK_S,
+            distance_m,
+            cot_positive: cot(plant.positive_work_j()),
+            cot_signed: cot(plant.signed_work_j()),
+            motion,
+        }
+    }
+
+    /// Ticks until the outcome is decided.
+    fn drive(&self, driver: &mut Driver<'_>, path: &Path, motion: &mut Motion) -> End {
+        let rules = self.rules;
+        let ticks = (rules.time_limit_s / TICK_S).round() as usize;
+        let counted_from_tick = (rules.cot_from_s / TICK_S).round() as usize;
+        let mut counted_from_m = None;
+        let end = |outcome, ticks, counted_from_m| End { outcome, ticks, counted_from_m };
+        if driver.start().is_err() {
+            return end(Outcome::Fault, 0, None);
+        }
+        for tick in 0..ticks {
+            let base = driver.plant.measure().base;
+            if tick == counted_from_tick {
+                counted_from_m = Some(path.displacement_m(&base)[0]);
+                driver.plant.reset_work();
+            }
+            let mut base_contact = false;
+            let ticked = driver.tick(&path.command(&base, rules), |plant| {
+                let measured = plant.measure();
+                base_contact |= measured.base_contact;
+                motion.add_step(measured);
+            });
+            let [ahead_m, sideways_m] = path.displacement_m(&driver.plant.measure().base);
+            if ticked.is_err() || !ahead_m.is_finite() || !sideways_m.is_finite() {
+                return end(Outcome::Fault, tick, counted_from_m);
+            }
+            motion.add_targets(driver.targets());
+            if base_contact {
+                return end(Outcome::BaseCollision, tick + 1, counted_from_m);
+            }
+            if ahead_m >= rules.horizon_m && sideways_m.abs() <= rules.sideways_m {
+                return end(Outcome::Reached, tick + 1, counted_from_m);
+            }
+        }
+        let [ahead_m, _] = path.displacement_m(&driver.plant.measure().base);
+        let outcome = if ahead_m >= rules.horizon_m { Outcome::OffPath } else { Outcome::Timeout };
+        end(outcome, ticks, counted_from_m)
     }
 }
 
-/// Ticks until the outcome is decided: outcome, ticks, and the displacement at which work began to
-/// count.
-#[allow(clippy::too_many_arguments, reason = "the loop of `roll_out`, cut out for its length alone")]
-fn drive(
-    plant: &mut Plant,
-    terrain: &Terrain,
-    instance: &mut PluginInstance,
-    skill: &RolledSkill,
-    chance: &Chance,
-    rules: &RolloutRules,
-    path: &Path,
-    motion: &mut Motion,
-) -> (Outcome, usize, Option<f64>) {
-    let ticks = (rules.time_limit_s / TICK_S).round() as usize;
-    let counted_from_tick = (rules.cot_from_s / TICK_S).round() as usize;
-    let mut counted_from_m = None;
-    let mut driver =
-        Driver::new(plant, terrain, instance, skill.description(), chance.noise, chance.noise_stream());
-    if driver.start().is_err() {
-        return (Outcome::Fault, 0, None);
-    }
-    for tick in 0..ticks {
-        let base = &driver.plant.measure().base;
-        if tick == counted_from_tick {
-            counted_from_m = Some(path.displacement_m(base)[0]);
-            driver.plant.reset_work();
-        }
-        let command = path.command(base, rules);
-        let mut base_contact = false;
-        let ticked = driver.tick(&command, |plant| {
-            let measured = plant.measure();
-            base_contact |= measured.base_contact;
-            motion.add_step(measured);
-        });
-        if ticked.is_err() || !driver.plant.measure().base.position_m.iter().all(|part| part.is_finite()) {
-            return (Outcome::Fault, tick, counted_from_m);
-        }
-        motion.add_targets(driver.targets());
-        if base_contact {
-            return (Outcome::BaseCollision, tick + 1, counted_from_m);
-        }
-        let [ahead_m, sideways_m] = path.displacement_m(&driver.plant.measure().base);
-        if ahead_m >= rules.horizon_m && sideways_m.abs() <= rules.sideways_m {
-            return (Outcome::Reached, tick + 1, counted_from_m);
-        }
-    }
-    let [ahead_m, _] = path.displacement_m(&driver.plant.measure().base);
-    let outcome = if ahead_m >= rules.horizon_m { Outcome::OffPath } else { Outcome::Timeout };
-    (outcome, ticks, counted_from_m)
+/// How a rollout ended, after how many ticks, and the displacement at which work began to count.
+struct End {
+    outcome: Outcome,
+    ticks: usize,
+    counted_from_m: Option<f64>,
 }
 
 impl Rollout {
@@ -258,8 +262,7 @@ mod tests {
         let path = Path::from(&spawn);
         let (cos, sin) = (0.5_f32.cos(), 0.5_f32.sin());
         // 1.5 m ahead and 0.2 m to the left.
-        let there =
-            BasePose::from_yaw([1.0 + 1.5 * cos - 0.2 * sin, 2.0 + 1.5 * sin + 0.2 * cos, 0.9], 0.1);
+        let there = BasePose::from_yaw([1.0 + 1.5 * cos - 0.2 * sin, 2.0 + 1.5 * sin + 0.2 * cos, 0.9], 0.1);
         let [ahead_m, left_m] = path.displacement_m(&there);
         assert!((ahead_m - 1.5).abs() < 1e-5 && (left_m - 0.2).abs() < 1e-5, "{ahead_m} {left_m}");
     }

@@ -13,7 +13,7 @@ use vocaloco_plugin_api::{CommandKind, Description};
 const PHASE: &str = "initial_phase";
 
 /// A plugin with parameters, ready to make an instance for each rollout.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct RolledSkill {
     /// Name of the skill.
     pub name: String,

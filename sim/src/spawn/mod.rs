@@ -141,8 +141,7 @@ impl Spawner {
         let moved_m = distance_m(settled.position_m, placed.desired.position_m);
         let turned_rad = wrapped_rad(settled.yaw() - yaw_rad).abs();
         // Phrased as "is inside", so that a pose of NaN is not valid.
-        let valid =
-            moved_m <= self.rules.position_tolerance_m && turned_rad <= self.rules.yaw_tolerance_rad;
+        let valid = moved_m <= self.rules.position_tolerance_m && turned_rad <= self.rules.yaw_tolerance_rad;
         valid.then_some(settled)
     }
 

@@ -3,7 +3,8 @@
 use super::{Area, TREAD_M, Terrain, tile};
 use serde::{Deserialize, Serialize};
 
-const FLAT_M: f32 = 3.0;
+/// Length of the flat before and of the flat after the stairs, m.
+pub const FLAT_M: f32 = 3.0;
 const WIDTH_M: f32 = 4.0;
 
 /// The courses that selectors are evaluated on.

@@ -1,0 +1,78 @@
+//! What a collection depends on, besides robot and skill.
+
+use serde::{Deserialize, Serialize};
+
+use super::Mixture;
+use crate::{
+    dataset::Kind,
+    driver::SensorNoise,
+    plant::PlantKind,
+    rollout::{Perturbations, RolloutRules},
+    spawn::SpawnRules,
+};
+
+/// The canonical configuration of a collection, written whole into `meta.json`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CollectConfig {
+    /// Seed of every stream.
+    pub seed: u64,
+    /// Rollouts from each pose; 1 for cost of transport.
+    pub repeats: u32,
+    /// Which plant.
+    #[serde(with = "plant_id")]
+    pub plant: PlantKind,
+    /// Half-width of the uniform noise on the predictors' field, m.
+    pub field_noise_m: f32,
+    /// Half-width of the uniform noise on the plugin's terrain patch, m.
+    pub patch_noise_m: f32,
+    /// What differs between the rollouts of a pose.
+    pub perturb: Perturbations,
+    /// Poses.
+    pub spawn: SpawnRules,
+    /// Rollouts.
+    pub rollout: RolloutRules,
+    /// Terrains.
+    pub mixture: Mixture,
+}
+
+impl CollectConfig {
+    /// METHOD, section 3: ten rollouts a pose for viability, one for cost of transport.
+    pub fn new(kind: Kind, seed: u64) -> Self {
+        Self {
+            seed,
+            repeats: if kind == Kind::Viability { 10 } else { 1 },
+            plant: PlantKind::Reference,
+            field_noise_m: 0.1,
+            patch_noise_m: 0.02,
+            perturb: Perturbations::all(),
+            spawn: SpawnRules::default(),
+            rollout: RolloutRules::default(),
+            mixture: Mixture::default(),
+        }
+    }
+
+    /// Noise on what the plugin measures.
+    pub fn sensor_noise(&self) -> SensorNoise {
+        SensorNoise { patch_m: self.patch_noise_m, ..SensorNoise::default() }
+    }
+}
+
+mod plant_id {
+    use serde::{Deserialize, Deserializer, Serializer, de::Error};
+
+    use crate::plant::PlantKind;
+
+    #[allow(clippy::trivially_copy_pass_by_ref, reason = "the signature that serde asks for")]
+    pub(super) fn serialize<S: Serializer>(kind: &PlantKind, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(kind.id())
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<PlantKind, D::Error> {
+        let id = String::deserialize(deserializer)?;
+        [PlantKind::Reference, PlantKind::Fast]
+            .into_iter()
+            .find(|kind| kind.id() == id)
+            .ok_or_else(|| D::Error::custom(format!("plant {id:?}, reference or fast wanted")))
+    }
+}
