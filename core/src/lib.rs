@@ -6,4 +6,6 @@ pub mod heightfield;
 pub mod installation;
 pub mod manifest;
 pub mod plugin;
+pub mod predictor;
+pub mod registry;
 pub mod robot;

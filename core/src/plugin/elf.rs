@@ -26,7 +26,11 @@ const MACHINE: (u64, &str) = (0, "this machine");
 pub(super) fn check(bytes: &[u8]) -> Result<(), Defect> {
     let magic = bytes.get(..6).unwrap_or(bytes);
     if magic != b"\x7fELF\x02\x01" {
-        return Err(("ELF magic", format!("{magic:02x?}"), "a shared library (64-bit ELF)".into()));
+        let found = match bytes {
+            [] => "an empty file".to_owned(),
+            _ => format!("a file that begins with \"{}\"", magic.escape_ascii()),
+        };
+        return Err(("file", found, "a shared library (64-bit ELF)".into()));
     }
     if bytes.len() < HEADER_BYTES {
         return Err(truncated("ELF header", bytes.len(), HEADER_BYTES as u64));
@@ -124,8 +128,8 @@ mod tests {
         let mut bytes = whole();
         bytes[18] ^= 0xff;
         assert_eq!(check(&bytes).expect_err("foreign").0, "ELF machine");
-        assert_eq!(check(b"hello").expect_err("text").0, "ELF magic");
-        assert_eq!(check(b"").expect_err("empty").0, "ELF magic");
+        assert_eq!(check(b"hello").expect_err("text").0, "file");
+        assert_eq!(check(b"").expect_err("empty").0, "file");
         assert_eq!(check(b"\x7fELF\x02\x01\x01").expect_err("stub").0, "ELF header");
     }
 

@@ -12,18 +12,17 @@ pub(super) fn load(bytes: &[u8]) -> Result<&'static Library, String> {
     let (path, keep) = place(bytes).map_err(|error| error.to_string())?;
     // SAFETY: the file is whole (checked before) and holds a plugin that the installation's owner
     // put on the plugin path: its initialisers are trusted as its code is.
-    let library = unsafe { Library::new(&path) }.map_err(|error| with_cause(&error))?;
+    let library = unsafe { Library::new(&path) }.map_err(|error| cause(&error, &path))?;
     // The loader knows libraries by path and the path holds the descriptor's number: closing it would
     // let the next plugin take the number and get this library instead.
     std::mem::forget(keep);
     Ok(Box::leak(Box::new(library)))
 }
 
-fn with_cause(error: &libloading::Error) -> String {
-    match std::error::Error::source(error) {
-        Some(cause) => cause.to_string(),
-        None => error.to_string(),
-    }
+/// The loader's own words, less the path that means nothing to people.
+fn cause(error: &libloading::Error, path: &std::path::Path) -> String {
+    let text = std::error::Error::source(error).map_or_else(|| error.to_string(), ToString::to_string);
+    text.replace(&format!("{}: ", path.display()), "")
 }
 
 #[cfg(target_os = "linux")]

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use abi_stable::library::{AbiHeaderRef, LibHeader, LibraryError, RootModule};
+use abi_stable::library::{AbiHeaderRef, LibraryError, RootModule};
 use abi_stable::std_types::RStr;
+use abi_stable::type_layout::TypeLayout;
 use sha2::{Digest, Sha256};
 use vocaloco_plugin_api::abi::{LIBRARY_SYMBOL, SkillLibraryRef};
 use vocaloco_plugin_api::{Description, INTERFACE_VERSION, RobotDescription};
@@ -87,22 +88,27 @@ impl PluginLibrary {
             PluginError::ForeignInterface(finding("interface", &found, wanted))
         })?;
         let header = *header;
-        let foreign = |error: &LibraryError| {
-            let found = match error {
-                LibraryError::InvalidAbiHeader(_) => "no header of this abi_stable version".to_owned(),
+        let foreign =
+            |found: String| PluginError::ForeignInterface(finding("interface", &found, &interface()));
+        let header = header
+            .upgrade()
+            .map_err(|_| foreign("no header of this version of abi_stable, or another C ABI".to_owned()))?;
+        let root = header.init_root_module::<SkillLibraryRef>().map_err(|error| {
+            // abi_stable's own text of a layout mismatch has hundreds of lines.
+            foreign(match error {
                 LibraryError::IncompatibleVersionNumber { actual_version, .. } => {
                     format!("vocaloco-plugin-api {actual_version}")
                 }
-                LibraryError::AbiInstability(_) => "types laid out otherwise than this host's".to_owned(),
-                LibraryError::RootModule { .. } => "a library that fails to start".to_owned(),
-                _ => "a library that this host does not understand".to_owned(),
-            };
-            PluginError::ForeignInterface(finding("interface", &found, &interface()))
-        };
-        let root = header
-            .upgrade()
-            .and_then(LibHeader::init_root_module::<SkillLibraryRef>)
-            .map_err(|error| foreign(&error))?;
+                LibraryError::AbiInstability(_) => {
+                    let (package, version) = header.layout().map_or_else(
+                        || ("an unknown package".into(), header.version_strings()),
+                        TypeLayout::package_and_version,
+                    );
+                    format!("types of {package} {version}, laid out otherwise than this host's")
+                }
+                _ => "a library that fails to start".to_owned(),
+            })
+        })?;
         if root.interface_version() != INTERFACE_VERSION {
             let found = format!("skill interface {}", root.interface_version());
             return Err(PluginError::ForeignInterface(finding("interface", &found, &interface())));

@@ -1,0 +1,279 @@
+//! Skills and deployments, loaded: manifest, plugin, parameters and predictors, checked against the
+//! robot and against each other.
+//!
+//! A skill that is not sound is refused with its findings and the others go on; knowing no skill by
+//! name, this is all that the runtime, the simulator and the command line see of the files.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use vocaloco_plugin_api::{CommandKind, Description, RobotDescription};
+
+use crate::installation::Installation;
+use crate::manifest::{Deployment, Finding, SkillManifest, is_snake_case, read_bounded};
+use crate::plugin::{PluginError, PluginInstance, PluginLibrary};
+use crate::predictor::{ModelError, Predictor, Quantity};
+use crate::robot::{RobotError, RobotModel};
+
+/// Parameter files are tens of lines; a network's weights do not belong there.
+const MAX_PARAMETER_BYTES: u64 = 1 << 20;
+
+/// A sound skill, ready to make instances.
+#[derive(Debug)]
+pub struct LoadedSkill {
+    /// Its manifest.
+    pub manifest: SkillManifest,
+    /// Its plugin.
+    pub library: Arc<PluginLibrary>,
+    /// The text that its instances are made from.
+    pub parameters: String,
+    /// Its viability predictor; always there when models were required.
+    pub viability: Option<Predictor>,
+    /// Its predictor of cost of transport; always there when models were required.
+    pub cot: Option<Predictor>,
+}
+
+impl LoadedSkill {
+    /// A new controller of this skill.
+    ///
+    /// # Errors
+    /// As [`PluginLibrary::create`]; `robot` is the one the skill was loaded for, so only a plugin
+    /// that breaks its contract errs here.
+    pub fn create(&self, robot: &RobotDescription) -> Result<PluginInstance, PluginError> {
+        self.library.create(&self.parameters, robot)
+    }
+}
+
+/// Whether a skill may lack its predictors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelPolicy {
+    /// To be chosen from: both must be there.
+    Required,
+    /// To be rolled out: what is there must be sound.
+    Optional,
+}
+
+/// A skill that was not taken, and the first reason.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("skill {skill} is refused: {finding}")]
+pub struct Refusal {
+    /// Name of the skill.
+    pub skill: String,
+    /// What is wrong with it.
+    pub finding: Finding,
+}
+
+/// A deployment and those of its skills that are sound, in its order.
+#[derive(Debug)]
+pub struct LoadedDeployment {
+    /// The manifest.
+    pub deployment: Deployment,
+    /// The robot.
+    pub robot: Arc<RobotModel>,
+    /// The sound skills; at least one.
+    pub skills: Vec<LoadedSkill>,
+    /// The others.
+    pub refused: Vec<Refusal>,
+}
+
+/// Why a deployment cannot run at all.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    /// Its manifest is not sound.
+    #[error("{0}")]
+    Deployment(Finding),
+    /// Its robot is not sound.
+    #[error("{0}")]
+    Robot(#[from] RobotError),
+    /// Every skill was refused.
+    #[error("deployment {deployment}: found no sound skill, wanted at least one: {}", lines(.refused))]
+    NoSkillLeft {
+        /// Name of the deployment.
+        deployment: String,
+        /// Why each was refused.
+        refused: Vec<Refusal>,
+    },
+}
+
+fn lines(refused: &[Refusal]) -> String {
+    refused.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+}
+
+/// Loads a deployment, its robot and those of its skills that are sound.
+///
+/// # Errors
+/// The deployment or its robot is not sound, or no skill is.
+pub fn load_deployment(installation: &Installation, name: &str) -> Result<LoadedDeployment, LoadError> {
+    let deployment = read_deployment(installation, name).map_err(LoadError::Deployment)?;
+    let robot = Arc::new(RobotModel::load(&installation.robots_folder(), &deployment.robot)?);
+    let (mut skills, mut refused) = (Vec::new(), Vec::new());
+    for skill in &deployment.skills {
+        let loaded = load_skill(installation, skill, &robot.description, ModelPolicy::Required)
+            .and_then(|loaded| fits_rate(installation, &deployment, loaded));
+        match loaded {
+            Ok(loaded) => skills.push(loaded),
+            Err(refusal) => refused.push(refusal),
+        }
+    }
+    if skills.is_empty() {
+        return Err(LoadError::NoSkillLeft { deployment: deployment.name, refused });
+    }
+    Ok(LoadedDeployment { deployment, robot, skills, refused })
+}
+
+/// Reads a deployment's manifest alone.
+///
+/// # Errors
+/// There is none of that name, or it is not sound.
+pub fn read_deployment(installation: &Installation, name: &str) -> Result<Deployment, Finding> {
+    let file = installation.deployment_file(name);
+    named(&file, name, "deployment")
+        .and_then(|()| Deployment::read(&file))
+        .map_err(|finding| finding.relative_to(&installation.root))
+}
+
+/// Loads one skill for `robot`.
+///
+/// # Errors
+/// The first of [`check_skill`]'s findings.
+pub fn load_skill(
+    installation: &Installation,
+    name: &str,
+    robot: &RobotDescription,
+    models: ModelPolicy,
+) -> Result<LoadedSkill, Refusal> {
+    examine(installation, name, robot, models).map_err(|mut findings| Refusal {
+        skill: name.to_owned(),
+        finding: findings.swap_remove(0).relative_to(&installation.root),
+    })
+}
+
+/// All that is wrong with a skill; nothing when it is sound.
+pub fn check_skill(
+    installation: &Installation,
+    name: &str,
+    robot: &RobotDescription,
+    models: ModelPolicy,
+) -> Vec<Finding> {
+    let findings = examine(installation, name, robot, models).err().unwrap_or_default();
+    findings.into_iter().map(|finding| finding.relative_to(&installation.root)).collect()
+}
+
+fn named(file: &Path, name: &str, kind: &str) -> Result<(), Finding> {
+    if is_snake_case(name) {
+        return Ok(());
+    }
+    Err(Finding::new(file, "name", format!("{name:?}"), format!("a {kind}'s name in snake_case")))
+}
+
+fn fits_rate(
+    installation: &Installation,
+    deployment: &Deployment,
+    skill: LoadedSkill,
+) -> Result<LoadedSkill, Refusal> {
+    let rate_hz = skill.library.description().rate_hz;
+    if (rate_hz - deployment.rate_hz).abs() < 1e-9 {
+        return Ok(skill);
+    }
+    let wanted = format!("{rate_hz}, the rate of plugin {}", skill.manifest.plugin);
+    let finding = Finding::new(&deployment.file, "rate_hz", deployment.rate_hz, wanted);
+    Err(Refusal { skill: skill.manifest.name, finding: finding.relative_to(&installation.root) })
+}
+
+/// The skill, or everything that is wrong with it: the findings are never empty.
+fn examine(
+    installation: &Installation,
+    name: &str,
+    robot: &RobotDescription,
+    policy: ModelPolicy,
+) -> Result<LoadedSkill, Vec<Finding>> {
+    let file = installation.skill_file(name);
+    named(&file, name, "skill").map_err(|finding| vec![finding])?;
+    let manifest = SkillManifest::read(&file).map_err(|finding| vec![finding])?;
+    let folder = installation.skill_folder(name);
+    let mut findings = manifest.contract.misfits(&file, robot);
+
+    if let Some(model) = &manifest.models.policy {
+        let wanted = "parameters: this version hands no policy network to plugins";
+        findings.push(Finding::new(&file, "models.policy", model.display(), wanted));
+    }
+    let parameters = match &manifest.models.parameters {
+        None => Ok(String::new()),
+        Some(path) => read_bounded(&folder.join(path), MAX_PARAMETER_BYTES, &file, "models.parameters"),
+    };
+    let library =
+        PluginLibrary::open(&installation.plugin_path, &manifest.plugin).map_err(|error| match error {
+            PluginError::NotFound(missing) => {
+                let found = format!("{:?}, no {}", manifest.plugin, missing.file.display());
+                Finding::new(&file, "plugin", found, missing.wanted)
+            }
+            error => error.into_finding(),
+        });
+    if let Ok(library) = &library {
+        findings.extend(misfits(&manifest, library.description()));
+        if let Ok(text) = &parameters
+            && let Err(error) = library.create(text, robot)
+        {
+            let mut finding = error.into_finding();
+            if let Some(path) = manifest.models.parameters.as_ref().filter(|_| finding.field == "parameters")
+            {
+                finding.file = folder.join(path);
+            }
+            findings.push(finding);
+        }
+    }
+    let predictor = |field: &str, path: &Path, quantity: Quantity| {
+        let path = folder.join(path);
+        match (path.is_file(), policy) {
+            (true, _) => Predictor::load(&path, quantity).map(Some).map_err(|ModelError(finding)| finding),
+            (false, ModelPolicy::Optional) => Ok(None),
+            (false, ModelPolicy::Required) => {
+                let inside = path.strip_prefix(&installation.root).unwrap_or(&path);
+                let found = format!("{}, no such file", inside.display());
+                Err(Finding::new(&file, field, found, "a trained predictor (`vocaloco train`)"))
+            }
+        }
+    };
+    let viability = predictor("models.viability", &manifest.models.viability, Quantity::Viability);
+    let cot = predictor("models.cot", &manifest.models.cot, Quantity::Cot);
+    match (parameters, library, viability, cot) {
+        (Ok(parameters), Ok(library), Ok(viability), Ok(cot)) if findings.is_empty() => {
+            Ok(LoadedSkill { manifest, library, parameters, viability, cot })
+        }
+        (parameters, library, viability, cot) => {
+            findings.extend(library.err());
+            findings.extend(parameters.err());
+            findings.extend(viability.err());
+            findings.extend(cot.err());
+            Err(findings)
+        }
+    }
+}
+
+/// Where a manifest asks more of a plugin than it declares.
+fn misfits(manifest: &SkillManifest, plugin: &Description) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let command = &manifest.command;
+    if command.kind != plugin.command {
+        let wanted = format!("{}, the command of plugin {}", kind(plugin.command), plugin.name);
+        findings.push(Finding::new(&manifest.file, "command.kind", kind(command.kind), wanted));
+    } else if command.kind == CommandKind::Velocity {
+        let [least, greatest] = command.forward_m_per_s;
+        let range = plugin.forward_m_per_s;
+        // Phrased as "is inside", so NaN is refused too.
+        if !(range.min <= least && greatest <= range.max) {
+            let found = format!("[{least}, {greatest}]");
+            let wanted =
+                format!("inside [{}, {}], the range of plugin {}", range.min, range.max, plugin.name);
+            findings.push(Finding::new(&manifest.file, "command.forward_m_per_s", found, wanted));
+        }
+    }
+    findings
+}
+
+fn kind(kind: CommandKind) -> &'static str {
+    match kind {
+        CommandKind::Velocity => "velocity",
+        CommandKind::PositionTarget => "position_target",
+    }
+}
