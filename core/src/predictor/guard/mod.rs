@@ -1,0 +1,154 @@
+//! The door for predictor files: what is refused here no model runtime ever sees.
+//!
+//! A runtime may abort the process on a hostile file (a huge declared tensor does it in 209 bytes),
+//! so the file is decoded as plain protobuf and everything that sizes memory or time is checked:
+//! bytes, nodes, every tensor's declared shape against the bytes it carries, and the shape of every
+//! value on the way from input to output. Only the operators of small feed-forward networks pass.
+
+mod attributes;
+mod shapes;
+mod tensor;
+
+use prost::Message;
+use tract_onnx::pb::{self, type_proto, type_proto::Value};
+
+use super::Quantity;
+use crate::heightfield::{COLUMNS, ROWS};
+
+/// Largest file, bytes; the network of the method has 376 kB.
+pub(super) const MAX_BYTES: u64 = 2 << 20;
+/// Largest number of nodes and of tensors.
+const MAX_NODES: usize = 128;
+/// Operator sets taken.
+const OPSETS: std::ops::RangeInclusive<i64> = 9..=21;
+/// `TensorProto.DataType.FLOAT`.
+const FLOAT: i32 = 1;
+/// Name of the input.
+pub(super) const INPUT: &str = "heightfield";
+
+/// What is wrong with a model, without the file's name.
+#[derive(Debug, PartialEq)]
+pub(super) struct Fault {
+    pub(super) field: String,
+    pub(super) found: String,
+    pub(super) wanted: String,
+}
+
+impl Fault {
+    pub(super) fn new(
+        field: impl Into<String>,
+        found: impl std::fmt::Display,
+        wanted: impl std::fmt::Display,
+    ) -> Self {
+        Self { field: field.into(), found: short(&found.to_string()), wanted: wanted.to_string() }
+    }
+}
+
+/// A name from a hostile file may be a megabyte long and hold anything.
+fn short(text: &str) -> String {
+    let mut clean: String = text.chars().filter(|c| !c.is_control()).take(81).collect();
+    if clean.chars().count() > 80 {
+        clean = clean.chars().take(77).chain("...".chars()).collect();
+    }
+    clean
+}
+
+/// Checks that `bytes` are a predictor of `quantity`.
+///
+/// # Errors
+/// The first thing that is not as it should be.
+pub(super) fn check(bytes: &[u8], quantity: Quantity) -> Result<(), Fault> {
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(Fault::new("file", format!("{} bytes", bytes.len()), at_most(MAX_BYTES, "bytes")));
+    }
+    let model = pb::ModelProto::decode(bytes)
+        .map_err(|error| Fault::new("file", error, "a whole ONNX model in protobuf"))?;
+    opset(&model)?;
+    if !model.functions.is_empty() || !model.training_info.is_empty() {
+        return Err(Fault::new("model", "functions or training information", "a plain graph"));
+    }
+    let graph = model.graph.as_ref().ok_or_else(|| Fault::new("graph", "nothing", "a graph"))?;
+    counts(graph)?;
+    signature("input", &graph.input, INPUT, &[1, 1, ROWS, COLUMNS])?;
+    signature("output", &graph.output, quantity.output(), &[1, 1])?;
+    let mut tensors = tensor::Tensors::default();
+    for initializer in &graph.initializer {
+        tensors.insert(&initializer.name, initializer)?;
+    }
+    shapes::check(graph, tensors, quantity.output())
+}
+
+fn opset(model: &pb::ModelProto) -> Result<(), Fault> {
+    let wanted = format!("one import of ai.onnx, version {} to {}", OPSETS.start(), OPSETS.end());
+    let [set] = model.opset_import.as_slice() else {
+        return Err(Fault::new("opset_import", format!("{} sets", model.opset_import.len()), wanted));
+    };
+    if !default_domain(&set.domain) || !OPSETS.contains(&set.version) {
+        return Err(Fault::new("opset_import", format!("{:?} {}", set.domain, set.version), wanted));
+    }
+    Ok(())
+}
+
+fn default_domain(domain: &str) -> bool {
+    domain.is_empty() || domain == "ai.onnx"
+}
+
+fn counts(graph: &pb::GraphProto) -> Result<(), Fault> {
+    let most = at_most(MAX_NODES as u64, "");
+    for (field, found) in [("graph.node", graph.node.len()), ("graph.initializer", graph.initializer.len())] {
+        if found > MAX_NODES {
+            return Err(Fault::new(field, found, most));
+        }
+    }
+    if !graph.sparse_initializer.is_empty() {
+        return Err(Fault::new("graph.sparse_initializer", graph.sparse_initializer.len(), "none"));
+    }
+    Ok(())
+}
+
+fn at_most(most: u64, unit: &str) -> String {
+    format!("at most {most} {unit}").trim_end().to_owned()
+}
+
+/// One value of that name, f32, of that shape; the first dimension may be left open.
+fn signature(field: &str, found: &[pb::ValueInfoProto], name: &str, shape: &[usize]) -> Result<(), Fault> {
+    let wanted = || {
+        let dims: Vec<_> = shape[1..].iter().map(usize::to_string).collect();
+        format!("{name}: f32 [N,{}]", dims.join(","))
+    };
+    let [value] = found else {
+        let names: Vec<_> = found.iter().take(4).map(|value| value.name.as_str()).collect();
+        return Err(Fault::new(field, format!("{} ({})", found.len(), names.join(", ")), wanted()));
+    };
+    let Some(Value::TensorType(tensor)) = value.r#type.as_ref().and_then(|kind| kind.value.as_ref()) else {
+        return Err(Fault::new(field, format!("{}: no tensor", value.name), wanted()));
+    };
+    let (fits, dims) = dimensions(tensor, shape);
+    if value.name != name || tensor.elem_type != FLOAT || !fits {
+        let kind =
+            if tensor.elem_type == FLOAT { "f32".into() } else { format!("type {}", tensor.elem_type) };
+        return Err(Fault::new(field, format!("{}: {kind} [{dims}]", value.name), wanted()));
+    }
+    Ok(())
+}
+
+fn dimensions(tensor: &type_proto::Tensor, shape: &[usize]) -> (bool, String) {
+    use pb::tensor_shape_proto::dimension::Value::{DimParam, DimValue};
+    let dims = tensor.shape.as_ref().map_or(&[][..], |shape| shape.dim.as_slice());
+    let mut fits = dims.len() == shape.len();
+    let mut words = Vec::new();
+    for (index, dim) in dims.iter().take(8).enumerate() {
+        let open = match &dim.value {
+            Some(DimValue(size)) => {
+                fits &= shape.get(index).is_some_and(|&wanted| wanted as i64 == *size);
+                words.push(size.to_string());
+                continue;
+            }
+            Some(DimParam(name)) => name.as_str(),
+            None => "?",
+        };
+        fits &= index == 0;
+        words.push(open.to_owned());
+    }
+    (fits, words.join(","))
+}
