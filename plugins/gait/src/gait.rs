@@ -50,7 +50,16 @@ pub struct Gait {
     base_mass_kg: f64,
     phase: f64,
     aimed: Vector3<f64>,
+    estimate: Estimate,
     states: [LegState; 4],
+}
+
+/// What is remembered of the body between ticks.
+#[derive(Clone, Copy, Debug, Default)]
+struct Estimate {
+    roll: f64,
+    pitch: f64,
+    velocity_in_base: Vector3<f64>,
 }
 
 /// What is known of the body this tick.
@@ -95,6 +104,7 @@ impl Skill for Gait {
             mass_kg: robot.mass_kg,
             base_mass_kg: robot.base_mass_kg,
             aimed: Vector3::zeros(),
+            estimate: Estimate::default(),
             states: [LegState::default(); 4],
         })
     }
@@ -104,6 +114,8 @@ impl Skill for Gait {
         let velocity = state.base_linear_velocity_m_per_s;
         self.aimed = Vector3::new(f64::from(velocity[0]).max(0.0), 0.0, 0.0);
         self.phase = self.phase_of(state);
+        let (roll, pitch) = measured_attitude(state);
+        self.estimate = Estimate { roll, pitch, velocity_in_base: velocity.map(f64::from).into() };
         for index in 0..4 {
             let leg = &self.legs[index];
             self.states[index] = LegState {
@@ -212,18 +224,27 @@ impl Gait {
         }
     }
 
-    fn body(&self, state: &RobotState<'_>, ground: &Ground<'_>) -> Body {
-        let gravity = Vector3::from(state.projected_gravity.map(f64::from));
-        let pitch = libm::asin(gravity.x.clamp(-1.0, 1.0));
-        let roll = libm::atan2(-gravity.y, -gravity.z);
-        let rotation = attitude(roll, pitch);
+    /// The body as filtered from noisy measurements: attitude by integrating the rates and leaning
+    /// towards gravity, velocity by an exponential average.
+    fn body(&mut self, state: &RobotState<'_>, ground: &Ground<'_>) -> Body {
+        let p = &self.parameters;
+        let (roll, pitch) = measured_attitude(state);
+        let rates_in_base = Vector3::from(state.base_angular_velocity_rad_per_s.map(f64::from));
+        let estimate = &mut self.estimate;
+        let turned = attitude(estimate.roll, estimate.pitch) * rates_in_base;
+        let predicted = (estimate.roll + turned.x * TICK_S, estimate.pitch + turned.y * TICK_S);
+        estimate.roll = predicted.0 + p.attitude_trust * (roll - predicted.0);
+        estimate.pitch = predicted.1 + p.attitude_trust * (pitch - predicted.1);
+        let rotation = attitude(estimate.roll, estimate.pitch);
+        let measured = Vector3::from(state.base_linear_velocity_m_per_s.map(f64::from));
+        estimate.velocity_in_base += p.velocity_trust * (measured - estimate.velocity_in_base);
         Body {
             rotation,
-            roll,
-            pitch,
-            velocity: rotation * Vector3::from(state.base_linear_velocity_m_per_s.map(f64::from)),
-            rates: rotation * Vector3::from(state.base_angular_velocity_rad_per_s.map(f64::from)),
-            line: ground.line(self.parameters.fit_ahead_m, self.parameters.fit_half_length_m),
+            roll: estimate.roll,
+            pitch: estimate.pitch,
+            velocity: rotation * estimate.velocity_in_base,
+            rates: rotation * rates_in_base,
+            line: ground.line(p.fit_ahead_m, p.fit_half_length_m),
         }
     }
 
@@ -318,8 +339,9 @@ impl Gait {
     /// Target of a standing foot in the base frame: where it is, less the body's wanted motion.
     fn stand(&self, command: &Command, body: &Body, foot: &FootPose) -> Vector3<f64> {
         let p = &self.parameters;
-        // The damper pulls against the motion; looking ahead by damping/stiffness cancels it.
-        let ahead_s = p.stance_damping / p.stance_stiffness;
+        // The damper pulls against the motion, and a held target lags by half a tick on average;
+        // looking ahead by damping/stiffness and that half tick cancels both.
+        let ahead_s = p.stance_damping / p.stance_stiffness + 0.5 * TICK_S;
         let place = body.rotation * foot.position;
         let turn = f64::from(command.velocity[2]) * ahead_s;
         let climb = body.line.slope * self.aimed.x;
@@ -372,8 +394,7 @@ impl Gait {
         let stance_s = p.duty * p.period_s;
         let offset = if hip.x > 0.0 { p.fore_offset_m } else { p.hind_offset_m };
         let turn = f64::from(command.velocity[2]) * (left_s + 0.5 * stance_s);
-        let travel = expected * left_s
-            + self.aimed * (p.step_ahead * stance_s)
+        let travel = expected * (left_s + p.step_ahead * stance_s)
             + (body.velocity - self.aimed) * p.step_velocity_gain_s;
         Vector2::new(
             below.x + travel.x + offset - p.slope_shift * body.line.slope * p.base_height_m - turn * below.y,
@@ -420,6 +441,12 @@ impl Gait {
             };
         }
     }
+}
+
+/// Roll and pitch, rad, from the direction of gravity.
+fn measured_attitude(state: &RobotState<'_>) -> (f64, f64) {
+    let gravity = state.projected_gravity.map(f64::from);
+    (libm::atan2(-gravity[1], -gravity[2]), libm::asin(gravity[0].clamp(-1.0, 1.0)))
 }
 
 /// Yaw-aligned frame from base frame.

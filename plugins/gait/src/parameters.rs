@@ -64,18 +64,18 @@ parameters! {
     weight_share: 1.0 in 0.6..=1.2, "1", Linear, "Share of the weight carried by feed-forward.";
     height_gain: 60.0 in 5.0..=250.0, "1/s²", Log, "Vertical acceleration per height error.";
     height_rate_gain: 10.0 in 1.0..=30.0, "1/s", Log, "Vertical acceleration per vertical velocity error.";
-    forward_gain: 4.0 in 0.5..=15.0, "1/s", Log, "Forward acceleration per velocity error.";
+    forward_gain: 7.0 in 0.5..=15.0, "1/s", Log, "Forward acceleration per velocity error.";
     sideways_gain: 4.0 in 0.5..=15.0, "1/s", Log, "Sideways acceleration per velocity error.";
     roll_gain: 120.0 in 10.0..=500.0, "1/s²", Log, "Roll acceleration per roll error.";
     roll_rate_gain: 15.0 in 2.0..=50.0, "1/s", Log, "Roll acceleration per roll rate.";
     pitch_gain: 120.0 in 10.0..=500.0, "1/s²", Log, "Pitch acceleration per pitch error.";
     pitch_rate_gain: 15.0 in 2.0..=50.0, "1/s", Log, "Pitch acceleration per pitch rate.";
     yaw_rate_gain: 8.0 in 1.0..=30.0, "1/s", Log, "Yaw acceleration per yaw rate error.";
-    step_velocity_gain_s: 0.06 in 0.0..=0.3, "s", Linear, "Foothold shift per velocity error.";
-    step_ahead: 0.5 in 0.2..=0.8, "1", Linear, "Share of a stance's travel that the foot lands ahead of its hip.";
+    step_velocity_gain_s: 0.08 in 0.0..=0.3, "s", Linear, "Foothold shift per velocity error.";
+    step_ahead: 0.42 in 0.2..=0.8, "1", Linear, "Share of a stance's travel that the foot lands ahead of its hip.";
     fore_offset_m: 0.0 in -0.12..=0.15, "m", Linear, "Fore footholds ahead of their hips.";
     hind_offset_m: 0.0 in -0.15..=0.15, "m", Linear, "Hind footholds ahead of their hips.";
-    width_offset_m: 0.0 in -0.05..=0.08, "m", Linear, "Footholds outward of their hips.";
+    width_offset_m: -0.03 in -0.12..=0.06, "m", Linear, "Footholds outward of their hips.";
     slope_shift: 0.5 in -0.5..=1.5, "1", Linear, "Footholds moved downhill, per slope and base height.";
     drop_margin_m: 0.06 in 0.0..=0.12, "m", Linear, "Distance kept from an edge that drops.";
     riser_margin_m: 0.12 in 0.0..=0.2, "m", Linear, "Distance kept from a riser ahead.";
@@ -89,6 +89,8 @@ parameters! {
     travel_end: 0.85 in 0.6..=1.0, "1", Linear, "Share of the swing at which the foot is above its foothold.";
     press_m: 0.02 in 0.0..=0.06, "m", Linear, "Depth below the ground that a landing foot aims at.";
     search_speed_m_per_s: 0.5 in 0.1..=1.2, "m/s", Log, "Speed at which a foot that missed the ground goes on down.";
+    attitude_trust: 0.3 in 0.05..=1.0, "1", Log, "Share of each measured attitude that corrects the integrated one.";
+    velocity_trust: 0.5 in 0.1..=1.0, "1", Log, "Share of each measured velocity that enters the estimate.";
     velocity_follow: 0.7 in 0.0..=1.0, "1", Linear, "Share of the measured velocity, against the aimed one, in planning footholds.";
 }
 

@@ -1,0 +1,194 @@
+//! A skill's plugin on a plant: what the plugin sees each tick, with sensor noise, and what the
+//! plant does with its targets. Collection, optimisation and evaluation all drive through here.
+
+use rand_chacha::ChaCha8Rng;
+use vocaloco_core::plugin::PluginInstance;
+use vocaloco_plugin_api::{Command, Description, JointTarget, RobotState, SkillError, TerrainPatch};
+
+use crate::{
+    plant::Plant,
+    stream::uniform,
+    terrain::{Terrain, Vantage},
+};
+
+/// Physics steps to a policy tick: 200 Hz and 50 Hz.
+pub const DECIMATION: usize = 4;
+/// Duration of a policy tick, s.
+pub const TICK_S: f64 = 0.02;
+
+/// Half-widths of the uniform noise on what a plugin measures.
+///
+/// # Source
+/// `legged_gym`'s rough-terrain configuration (METHOD, section 7).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorNoise {
+    /// rad.
+    pub joint_position_rad: f32,
+    /// rad/s.
+    pub joint_velocity_rad_per_s: f32,
+    /// m/s.
+    pub linear_velocity_m_per_s: f32,
+    /// rad/s.
+    pub angular_velocity_rad_per_s: f32,
+    /// Of the unit vector.
+    pub gravity: f32,
+    /// Of every height of the plugin's terrain patch, m.
+    pub patch_m: f32,
+}
+
+impl Default for SensorNoise {
+    fn default() -> Self {
+        Self {
+            joint_position_rad: 0.01,
+            joint_velocity_rad_per_s: 1.5,
+            linear_velocity_m_per_s: 0.1,
+            angular_velocity_rad_per_s: 0.2,
+            gravity: 0.05,
+            patch_m: 0.02,
+        }
+    }
+}
+
+impl SensorNoise {
+    /// No noise at all.
+    pub const NONE: Self = Self {
+        joint_position_rad: 0.0,
+        joint_velocity_rad_per_s: 0.0,
+        linear_velocity_m_per_s: 0.0,
+        angular_velocity_rad_per_s: 0.0,
+        gravity: 0.0,
+        patch_m: 0.0,
+    };
+}
+
+/// Drives one plugin instance on one plant over one terrain.
+pub struct Driver<'a> {
+    /// The plant, for reading between ticks.
+    pub plant: &'a mut Plant,
+    terrain: &'a Terrain,
+    instance: &'a mut PluginInstance,
+    patch: Option<TerrainPatch>,
+    noise: SensorNoise,
+    rng: ChaCha8Rng,
+    time_s: f64,
+    seen: Seen,
+    targets: Vec<JointTarget>,
+}
+
+/// Buffers of one observation, kept between ticks.
+#[derive(Default)]
+struct Seen {
+    joint_position_rad: Vec<f32>,
+    joint_velocity_rad_per_s: Vec<f32>,
+    joint_torque_nm: Vec<f32>,
+    foot_contact: Vec<u8>,
+    terrain_m: Vec<f32>,
+    linear_velocity: [f32; 3],
+    angular_velocity: [f32; 3],
+    gravity: [f32; 3],
+}
+
+impl<'a> Driver<'a> {
+    /// A driver at time 0; `description` says which terrain the plugin needs, `rng` feeds the noise.
+    pub fn new(
+        plant: &'a mut Plant,
+        terrain: &'a Terrain,
+        instance: &'a mut PluginInstance,
+        description: &Description,
+        noise: SensorNoise,
+        rng: ChaCha8Rng,
+    ) -> Self {
+        let joints = plant.measure().joint_position_rad.len();
+        Self {
+            plant,
+            terrain,
+            instance,
+            patch: description.needs.terrain.into_option(),
+            noise,
+            rng,
+            time_s: 0.0,
+            seen: Seen::default(),
+            targets: vec![JointTarget::default(); joints],
+        }
+    }
+
+    /// Resets the plugin to the plant's present state.
+    ///
+    /// # Errors
+    /// What the plugin reports.
+    pub fn start(&mut self) -> Result<(), SkillError> {
+        self.observe();
+        self.instance.reset(&self.seen.state(self.time_s))
+    }
+
+    /// One policy tick: observe, act, four physics steps. `after_step` runs after each of them.
+    ///
+    /// # Errors
+    /// What the plugin reports; the plant has not moved then.
+    pub fn tick(&mut self, command: &Command, mut after_step: impl FnMut(&Plant)) -> Result<(), SkillError> {
+        self.observe();
+        self.instance.act(&self.seen.state(self.time_s), command, &mut self.targets)?;
+        for _ in 0..DECIMATION {
+            self.plant.step(&self.targets);
+            after_step(self.plant);
+        }
+        self.time_s += TICK_S;
+        Ok(())
+    }
+
+    /// The targets of the latest tick.
+    pub fn targets(&self) -> &[JointTarget] {
+        &self.targets
+    }
+
+    fn observe(&mut self) {
+        let measured = self.plant.measure();
+        let (noise, rng) = (&self.noise, &mut self.rng);
+        let mut noisy = |value: f32, half_width: f32| {
+            if half_width > 0.0 { value + uniform(rng, -half_width, half_width) } else { value }
+        };
+        let seen = &mut self.seen;
+        refill(&mut seen.joint_position_rad, &measured.joint_position_rad, |value| {
+            noisy(*value, noise.joint_position_rad)
+        });
+        refill(&mut seen.joint_velocity_rad_per_s, &measured.joint_velocity_rad_per_s, |value| {
+            noisy(*value, noise.joint_velocity_rad_per_s)
+        });
+        refill(&mut seen.joint_torque_nm, &measured.joint_torque_nm, |value| *value);
+        refill(&mut seen.foot_contact, &measured.foot_contact, |touching| u8::from(*touching));
+        seen.linear_velocity =
+            measured.base_linear_velocity.map(|value| noisy(value, noise.linear_velocity_m_per_s));
+        seen.angular_velocity =
+            measured.base_angular_velocity.map(|value| noisy(value, noise.angular_velocity_rad_per_s));
+        seen.gravity = measured.projected_gravity.map(|value| noisy(value, noise.gravity));
+        if let Some(patch) = &self.patch {
+            let from = Vantage { position_m: measured.base.position_m, yaw_rad: measured.base.yaw() };
+            seen.terrain_m.resize(patch.rows() * patch.columns(), f32::NAN);
+            self.terrain.patch(&from, patch, &mut seen.terrain_m);
+            for height in &mut seen.terrain_m {
+                *height = noisy(*height, noise.patch_m);
+            }
+        }
+    }
+}
+
+fn refill<T, U>(to: &mut Vec<U>, from: &[T], convert: impl FnMut(&T) -> U) {
+    to.clear();
+    to.extend(from.iter().map(convert));
+}
+
+impl Seen {
+    fn state(&self, time_s: f64) -> RobotState<'_> {
+        RobotState {
+            time_s,
+            joint_position_rad: self.joint_position_rad.as_slice().into(),
+            joint_velocity_rad_per_s: self.joint_velocity_rad_per_s.as_slice().into(),
+            joint_torque_nm: self.joint_torque_nm.as_slice().into(),
+            base_linear_velocity_m_per_s: self.linear_velocity,
+            base_angular_velocity_rad_per_s: self.angular_velocity,
+            projected_gravity: self.gravity,
+            foot_contact: self.foot_contact.as_slice().into(),
+            terrain_m: self.terrain_m.as_slice().into(),
+        }
+    }
+}
