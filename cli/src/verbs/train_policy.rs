@@ -1,14 +1,21 @@
-//! `train-policy`: placeholder until its owner fills it.
+//! `train-policy`: hands over to `vocaloco-train`, as [`super::train`] does.
 
-use super::Shared;
+use std::ffi::OsString;
+
+use super::{Shared, train};
 use crate::exit::Exit;
 
+/// Find a policy's parameters in the simulator.
 #[derive(clap::Args)]
+#[command(disable_help_flag = true)]
 pub(crate) struct Args {
     #[command(flatten)]
-    shared: Shared,
+    _shared: Shared,
+    /// Passed on to `vocaloco-train train-policy`; `--help` lists them
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
+    _passed_on: Vec<OsString>,
 }
 
-pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
-    anyhow::bail!("`train-policy` is not built yet (json {}, seed {})", args.shared.json, args.shared.seed)
+pub(crate) fn run(_args: Args) -> anyhow::Result<Exit> {
+    train::hand_over("train-policy")
 }

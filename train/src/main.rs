@@ -1,0 +1,45 @@
+//! `vocaloco-train`: the learning verbs, apart from `vocaloco` so that nobody who only runs skills
+//! compiles them. `vocaloco train …` and `vocaloco train-policy …` run this binary.
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use vocaloco_train::{policy_search, predictor::training};
+
+#[derive(Parser)]
+#[command(name = "vocaloco-train", version, about = "Learning for VOCALoco")]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Fit a skill's two predictors to its data set
+    Train(training::Args),
+    /// Find a policy's parameters in the simulator
+    TrainPolicy(policy_search::Args),
+}
+
+fn main() -> ExitCode {
+    let ended = match Cli::parse().verb {
+        Verb::Train(args) => training::run(&args),
+        Verb::TrainPolicy(args) => policy_search::run(&args),
+    };
+    ended.unwrap_or_else(|error| {
+        // `{:#}` is the whole chain in one line: what failed, then why.
+        eprintln!("error: {error:#}");
+        ExitCode::from(2)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,211 @@
+//! A fitted network as an ONNX file: IR version 8, opset 17, the same bytes for the same network.
+//!
+//! `heightfield` f32 `[N, 1, 31, 11]`, metres, centred → `viability` or `cot` f32 `[N, 1]`.
+
+use prost::Message;
+use tract_onnx::pb;
+
+use super::network::{FLAT, TENSORS};
+use super::sgd::Head;
+
+/// What an exported file says of itself, in `metadata_props`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Origin {
+    /// The skill that the predictor speaks for.
+    pub skill: String,
+    /// The robot it was collected on.
+    pub robot: String,
+    /// SHA-256 of the data set.
+    pub data_sha256: String,
+    /// Seed of the training.
+    pub seed: u64,
+}
+
+/// The file's bytes.
+pub fn onnx(parameters: &[f32], head: Head, origin: &Origin) -> Vec<u8> {
+    let output = output_name(head);
+    let model = pb::ModelProto {
+        ir_version: 8,
+        opset_import: vec![pb::OperatorSetIdProto { domain: String::new(), version: 17 }],
+        producer_name: "vocaloco-train".to_owned(),
+        producer_version: env!("CARGO_PKG_VERSION").to_owned(),
+        graph: Some(pb::GraphProto {
+            name: "predictor".to_owned(),
+            node: nodes(head),
+            initializer: TENSORS.iter().map(|tensor| initializer(tensor, parameters)).collect(),
+            input: vec![value("heightfield", &[1, 31, 11])],
+            output: vec![value(output, &[1])],
+            ..Default::default()
+        }),
+        metadata_props: [
+            ("data_sha256", origin.data_sha256.clone()),
+            ("kind", output.to_owned()),
+            ("robot", origin.robot.clone()),
+            ("seed", origin.seed.to_string()),
+            ("skill", origin.skill.clone()),
+        ]
+        .map(|(key, value)| pb::StringStringEntryProto { key: key.to_owned(), value })
+        .to_vec(),
+        ..Default::default()
+    };
+    model.encode_to_vec()
+}
+
+/// The output's name, which is also the kind of data it is fitted to.
+pub fn output_name(head: Head) -> &'static str {
+    match head {
+        Head::Sigmoid => "viability",
+        Head::Linear => "cot",
+    }
+}
+
+fn nodes(head: Head) -> Vec<pb::NodeProto> {
+    let gemm = |layer: &str, input: &str, output: &str| {
+        let (weight, bias) = (format!("{layer}.weight"), format!("{layer}.bias"));
+        node("Gemm", &[input, &weight, &bias], output, vec![integer("transB", 1)])
+    };
+    let mut nodes = vec![
+        convolution("conv1", "heightfield"),
+        node("Relu", &["conv1"], "relu1", vec![]),
+        convolution("conv2", "relu1"),
+        node("Relu", &["conv2"], "relu2", vec![]),
+        node(
+            "MaxPool",
+            &["relu2"],
+            "pool",
+            vec![integers("kernel_shape", &[2, 2]), integers("strides", &[2, 2])],
+        ),
+        convolution("conv3", "pool"),
+        node("Relu", &["conv3"], "relu3", vec![]),
+        node("Flatten", &["relu3"], "flat", vec![integer("axis", 1)]),
+        gemm("fc1", "flat", "fc1"),
+        node("Relu", &["fc1"], "relu4", vec![]),
+        gemm("fc2", "relu4", "fc2"),
+        node("Relu", &["fc2"], "relu5", vec![]),
+    ];
+    match head {
+        Head::Linear => nodes.push(gemm("out", "relu5", output_name(head))),
+        Head::Sigmoid => {
+            nodes.push(gemm("out", "relu5", "logit"));
+            nodes.push(node("Sigmoid", &["logit"], output_name(head), vec![]));
+        }
+    }
+    nodes
+}
+
+fn convolution(layer: &str, input: &str) -> pb::NodeProto {
+    let attributes = vec![
+        integers("kernel_shape", &[3, 3]),
+        integers("pads", &[1, 1, 1, 1]),
+        integers("strides", &[1, 1]),
+    ];
+    node("Conv", &[input, &format!("{layer}.weight"), &format!("{layer}.bias")], layer, attributes)
+}
+
+fn node(op: &str, input: &[&str], output: &str, attribute: Vec<pb::AttributeProto>) -> pb::NodeProto {
+    pb::NodeProto {
+        name: format!("node.{output}"),
+        op_type: op.to_owned(),
+        input: input.iter().map(|name| (*name).to_owned()).collect(),
+        output: vec![output.to_owned()],
+        attribute,
+        ..Default::default()
+    }
+}
+
+fn integer(name: &str, value: i64) -> pb::AttributeProto {
+    pb::AttributeProto {
+        name: name.to_owned(),
+        r#type: pb::attribute_proto::AttributeType::Int.into(),
+        i: value,
+        ..Default::default()
+    }
+}
+
+fn integers(name: &str, values: &[i64]) -> pb::AttributeProto {
+    pb::AttributeProto {
+        name: name.to_owned(),
+        r#type: pb::attribute_proto::AttributeType::Ints.into(),
+        ints: values.to_vec(),
+        ..Default::default()
+    }
+}
+
+#[expect(clippy::cast_possible_wrap, reason = "axes of at most 600")]
+fn initializer(tensor: &super::network::Tensor, parameters: &[f32]) -> pb::TensorProto {
+    pb::TensorProto {
+        name: tensor.name.to_owned(),
+        dims: tensor.shape.iter().map(|n| *n as i64).collect(),
+        data_type: pb::tensor_proto::DataType::Float.into(),
+        raw_data: tensor.of(parameters).iter().flat_map(|value| value.to_le_bytes()).collect(),
+        ..Default::default()
+    }
+}
+
+/// A float tensor with a free batch axis `N` in front.
+fn value(name: &str, shape: &[i64]) -> pb::ValueInfoProto {
+    use pb::tensor_shape_proto::{Dimension, dimension::Value};
+    let axes =
+        std::iter::once(Value::DimParam("N".to_owned())).chain(shape.iter().map(|n| Value::DimValue(*n)));
+    let dim = axes.map(|axis| Dimension { value: Some(axis), ..Default::default() }).collect();
+    pb::ValueInfoProto {
+        name: name.to_owned(),
+        r#type: Some(pb::TypeProto {
+            value: Some(pb::type_proto::Value::TensorType(pb::type_proto::Tensor {
+                elem_type: pb::tensor_proto::DataType::Float.into(),
+                shape: Some(pb::TensorShapeProto { dim }),
+            })),
+            ..Default::default()
+        }),
+        ..Default::default()
+    }
+}
+
+const _: () = assert!(FLAT == TENSORS[6].shape[1], "the flattened planes are what fc1 takes");
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::predictor::network::start_values;
+    use crate::predictor::sgd::answers;
+    use vocaloco_core::heightfield::Heightfield;
+    use vocaloco_core::predictor::{Predictor, Quantity};
+    use vocaloco_sim::stream::stream;
+
+    fn origin() -> Origin {
+        Origin { skill: "walk".into(), robot: "anymal_d".into(), data_sha256: "00".into(), seed: 1 }
+    }
+
+    #[test]
+    fn the_file_answers_as_the_kernel_does() {
+        // Larger than at the start, so that the answers are far apart.
+        let parameters: Vec<f32> =
+            start_values(&mut stream(3, "test/export", &[])).iter().map(|p| 2.0 * p).collect();
+        for (head, quantity) in [(Head::Sigmoid, Quantity::Viability), (Head::Linear, Quantity::Cot)] {
+            let bytes = onnx(&parameters, head, &origin());
+            let mut predictor = Predictor::from_bytes(&bytes, "test.onnx".as_ref(), quantity).unwrap();
+            let mut found = Vec::new();
+            for k in 0..5 {
+                let height = |i: usize, j: usize| 0.1 * k as f32 * (i / (4 + k)) as f32 - 0.03 * j as f32;
+                let cells_m = std::array::from_fn(|i| std::array::from_fn(|j| height(i, j)));
+                let field = Heightfield { cells_m }.prepare(None).unwrap();
+                let answer = predictor.predict(&field).unwrap();
+                let wanted = answers(&parameters, head, &[field.as_slice()])[0];
+                assert!((answer - wanted).abs() < 1e-5, "{head:?}, field {k}: {answer} against {wanted}");
+                found.push(answer);
+            }
+            assert!(
+                (found[0] - found[4]).abs() > 1e-3,
+                "{head:?}: fields that cannot be told apart: {found:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn the_same_network_gives_the_same_bytes_and_another_origin_other_ones() {
+        let parameters = start_values(&mut stream(4, "test/export", &[]));
+        let bytes = onnx(&parameters, Head::Linear, &origin());
+        assert_eq!(bytes, onnx(&parameters, Head::Linear, &origin()));
+        assert_ne!(bytes, onnx(&parameters, Head::Linear, &Origin { seed: 2, ..origin() }));
+    }
+}

@@ -1,0 +1,319 @@
+//! `train`: a skill's data sets → viability.onnx, cot.onnx and their sections of CARD.md.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::ValueEnum;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+use vocaloco_core::installation::Installation;
+use vocaloco_sim::identity::sha256_hex;
+use vocaloco_sim::scores;
+
+use super::card;
+use super::data::DataSet;
+use super::export::{Origin, onnx, output_name};
+use super::fit::{Fitted, Options, fit};
+use super::sgd::Head;
+
+/// Fit a skill's two predictors to its data set.
+///
+/// Reads `DATA/SKILL/viability` and `DATA/SKILL/cot`, writes `viability.onnx`, `cot.onnx` and
+/// `CARD.md` into the skill's folder. The same data and seed give the same bytes.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The skill whose data is fitted.
+    #[arg(long)]
+    skill: String,
+    /// Folder of data sets, as `collect` writes it.
+    #[arg(long, default_value = "data")]
+    data: PathBuf,
+    /// Which of the two predictors.
+    #[arg(long, value_enum, default_value_t = Kind::Both)]
+    kind: Kind,
+    /// Folder to write to instead of the skill's own.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Times that every sample is seen.
+    #[arg(long, default_value_t = Options::default().epochs, value_parser = at_least_one)]
+    epochs: usize,
+    /// Samples per step.
+    #[arg(long, default_value_t = Options::default().batch, value_parser = at_least_one)]
+    batch: usize,
+    /// Step size at the start.
+    #[arg(long, default_value_t = Options::default().learning_rate)]
+    learning_rate: f32,
+    /// Share of the step size left in the last epoch.
+    #[arg(long, default_value_t = Options::default().final_rate_share)]
+    final_rate_share: f32,
+    /// Never exchange left and right.
+    #[arg(long)]
+    no_mirror: bool,
+    /// Seed of start values, order and mirroring.
+    #[arg(long, default_value_t = Options::default().seed)]
+    seed: u64,
+    /// Threads; all cores by default. Their number changes no bit.
+    #[arg(long)]
+    threads: Option<usize>,
+    /// Print one JSON object on stdout and nothing else there.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    Viability,
+    Cot,
+    Both,
+}
+
+impl Kind {
+    fn heads(self) -> &'static [Head] {
+        match self {
+            Self::Viability => &[Head::Sigmoid],
+            Self::Cot => &[Head::Linear],
+            Self::Both => &[Head::Sigmoid, Head::Linear],
+        }
+    }
+}
+
+fn at_least_one(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n) if n >= 1 => Ok(n),
+        _ => Err(format!("found {text}, wanted a number from 1 up")),
+    }
+}
+
+/// What one model scores, as `--json` tells it.
+#[derive(Debug, Serialize)]
+struct Report {
+    kind: &'static str,
+    file: PathBuf,
+    sha256: String,
+    data_sha256: String,
+    n: usize,
+    left_out: usize,
+    held_out: usize,
+    best_epoch: usize,
+    training_mse: f64,
+    held_out_mse: f64,
+    brier: Option<f64>,
+    ece: Option<f64>,
+    auc: Option<f64>,
+    mae: Option<f64>,
+    r2: Option<f64>,
+}
+
+/// Runs the verb.
+///
+/// # Errors
+/// No data, data of another kind or robot, a fit that diverges, a file that cannot be written.
+pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+    let folder = match &args.out {
+        Some(folder) => folder.clone(),
+        None => Installation::find()?.skill_folder(&args.skill),
+    };
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads.unwrap_or(0)).build()?;
+    let sets =
+        args.kind.heads().iter().map(|head| Ok((*head, DataSet::read(&args.data, &args.skill, *head)?)));
+    // Both sets are read before either is fitted: what is missing is said at once.
+    let sets = sets.collect::<anyhow::Result<Vec<_>>>()?;
+    let mut reports = Vec::new();
+    for (head, set) in &sets {
+        let fitted = fit_with_progress(&pool, set, *head, &args.options())
+            .with_context(|| set.folder.display().to_string())?;
+        reports.push(write(args, &folder, set, *head, &fitted)?);
+    }
+    print(args, &reports)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+impl Args {
+    fn options(&self) -> Options {
+        Options {
+            epochs: self.epochs,
+            batch: self.batch,
+            learning_rate: self.learning_rate,
+            final_rate_share: self.final_rate_share,
+            mirror: !self.no_mirror,
+            seed: self.seed,
+            ..Options::default()
+        }
+    }
+
+    /// The command that repeats a model, threads left out since they change nothing.
+    fn command(&self, kind: &str) -> String {
+        let mut command = format!(
+            "vocaloco train --skill {} --data {} --kind {kind} --epochs {} --batch {} --learning-rate {} \
+             --final-rate-share {}",
+            self.skill,
+            self.data.display(),
+            self.epochs,
+            self.batch,
+            self.learning_rate,
+            self.final_rate_share,
+        );
+        if self.no_mirror {
+            command.push_str(" --no-mirror");
+        }
+        format!("{command} --seed {}", self.seed)
+    }
+}
+
+fn fit_with_progress(
+    pool: &rayon::ThreadPool,
+    set: &DataSet,
+    head: Head,
+    options: &Options,
+) -> anyhow::Result<Fitted> {
+    let style = ProgressStyle::with_template("{prefix:9} {bar:24} epoch {pos}/{len}, {msg}, {eta} left")?;
+    let bar = ProgressBar::new(options.epochs as u64).with_style(style).with_prefix(output_name(head));
+    let fitted = pool.install(|| {
+        fit(&set.samples, head, options, &mut |epoch| {
+            bar.set_message(format!("loss {:.5}, held out {:.5}", epoch.training, epoch.validation));
+            bar.set_position(epoch.epoch as u64);
+        })
+    });
+    bar.finish_and_clear();
+    Ok(fitted?)
+}
+
+fn write(args: &Args, folder: &Path, set: &DataSet, head: Head, fitted: &Fitted) -> anyhow::Result<Report> {
+    let kind = output_name(head);
+    let origin = Origin {
+        skill: args.skill.clone(),
+        robot: set.robot.clone(),
+        data_sha256: set.sha256.clone(),
+        seed: args.seed,
+    };
+    let bytes = onnx(&fitted.parameters, head, &origin);
+    let file = folder.join(format!("{kind}.onnx"));
+    let viability = head == Head::Sigmoid;
+    let pairs = fitted.held_out.as_slice();
+    let report = Report {
+        kind,
+        sha256: sha256_hex(&bytes),
+        data_sha256: set.sha256.clone(),
+        n: set.samples.len(),
+        left_out: set.left_out,
+        held_out: pairs.len(),
+        best_epoch: fitted.best.epoch,
+        training_mse: fitted.best.training,
+        held_out_mse: fitted.best.validation,
+        brier: viability.then(|| scores::brier(pairs)),
+        ece: viability.then(|| scores::ece(pairs)),
+        auc: if viability { scores::auc(pairs) } else { None },
+        mae: (!viability).then(|| scores::mae(pairs)),
+        r2: if viability { None } else { scores::r2(pairs) },
+        file,
+    };
+    std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    write_whole(&report.file, &bytes)?;
+    let card_file = folder.join("CARD.md");
+    let old = match std::fs::read_to_string(&card_file) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
+        text => text.with_context(|| card_file.display().to_string())?,
+    };
+    let section = section(args, set, head, fitted, &report);
+    write_whole(
+        &card_file,
+        card::with_section(&old, &args.skill, &format!("{kind}.onnx"), &section).as_bytes(),
+    )?;
+    Ok(report)
+}
+
+/// Written whole or not at all: a run that is killed leaves the old file.
+fn write_whole(file: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    let part = file.with_extension("part");
+    std::fs::write(&part, bytes)
+        .and_then(|()| std::fs::rename(&part, file))
+        .with_context(|| file.display().to_string())
+}
+
+fn section(args: &Args, set: &DataSet, head: Head, fitted: &Fitted, report: &Report) -> String {
+    let number = |value: Option<f64>| value.map_or("not defined".to_owned(), |value| format!("{value:.4}"));
+    let mut rows = vec![
+        ("file", format!("sha256 `{}`", report.sha256)),
+        ("made by", format!("`{}`", args.command(report.kind))),
+        ("data", format!("{} rows trained on or held out, sha256 `{}`", report.n, report.data_sha256)),
+        ("collected by", set.collected_by.clone()),
+        ("left out", set.left_out_because(head)),
+        ("terrain", set.terrain_ranges()),
+        ("held out", format!("{} rows, chosen by row number, never trained on", report.held_out)),
+        ("best epoch", format!("{} of {}", report.best_epoch, args.epochs)),
+        ("training loss (MSE)", format!("{:.5}", fitted.best.training)),
+        ("held-out loss (MSE)", format!("{:.5}", fitted.best.validation)),
+    ];
+    let (histogram, limits) = match head {
+        Head::Sigmoid => {
+            rows.push(("Brier score, single rollouts", number(report.brier)));
+            rows.push((
+                "of which label noise",
+                number(Some(scores::brier(&fitted.held_out) - fitted.best.validation)),
+            ));
+            rows.push(("expected calibration error, 15 bins", number(report.ece)));
+            rows.push(("AUC", number(report.auc)));
+            (card::viability_histogram(set.labels()), VIABILITY_LIMITS)
+        }
+        Head::Linear => {
+            rows.push(("mean absolute error", number(report.mae)));
+            let labels: Vec<f32> = set.labels().collect();
+            let mean = labels.iter().map(|l| f64::from(*l)).sum::<f64>() / labels.len() as f64;
+            rows.push(("as a share of the mean", number(report.mae.map(|mae| mae / mean))));
+            rows.push(("R²", number(report.r2)));
+            (card::cost_histogram(&labels), COT_LIMITS)
+        }
+    };
+    format!("{}\nLabels:\n\n{histogram}\nKnown limits:\n{limits}", card::facts(&rows))
+}
+
+const VIABILITY_LIMITS: &str = "\
+- Scores are of rows held out of the same data set; `evaluate calibration` measures on fresh terrain.
+- It knows the terrain kinds and sizes above and nothing else; no check yet tells it that a field is
+  unlike all of them.
+- It expects the field's ±10 cm noise, which hides steps of a few centimetres.
+- The label is of one command, 0.6 m/s straight ahead, over 1.5 m in 4 s.
+";
+
+const COT_LIMITS: &str = "\
+- Fitted to rollouts that reached the horizon: where the skill fails it says nothing, and is not asked.
+- Its answer is not bounded; one that is not positive is refused at run time.
+- It is the positive work of one rollout of 0.6 m/s over 1.5 m, the first 0.5 s left out.
+";
+
+#[expect(clippy::print_stdout, reason = "the verb's result")]
+fn print(args: &Args, reports: &[Report]) -> anyhow::Result<()> {
+    if args.json {
+        let result = serde_json::json!({
+            "command": "train",
+            "skill": args.skill,
+            "seed": args.seed,
+            "version": env!("CARGO_PKG_VERSION"),
+            "options": args.options(),
+            "models": reports,
+        });
+        println!("{}", serde_json::to_string_pretty(&result)?);
+        return Ok(());
+    }
+    let number = |name: &str, value: Option<f64>| {
+        value.map(|value| format!(", {name} {value:.4}")).unwrap_or_default()
+    };
+    for report in reports {
+        println!(
+            "{}: {} rows ({} held out), best epoch {}, loss {:.5}, held out {:.5}{}{}{}{}{}",
+            report.file.display(),
+            report.n,
+            report.held_out,
+            report.best_epoch,
+            report.training_mse,
+            report.held_out_mse,
+            number("Brier", report.brier),
+            number("ECE", report.ece),
+            number("AUC", report.auc),
+            number("MAE", report.mae),
+            number("R²", report.r2),
+        );
+    }
+    Ok(())
+}
