@@ -4,6 +4,8 @@
 mod exit;
 mod output;
 #[cfg(feature = "sim")]
+mod progress;
+#[cfg(feature = "sim")]
 mod report;
 mod verbs;
 

@@ -2,6 +2,7 @@
 //! skills through `vocaloco-core`, as the robot does, and knows no particular one.
 
 mod angle;
+pub mod calibration;
 pub mod collect;
 pub mod dataset;
 pub mod driver;
@@ -15,3 +16,4 @@ pub mod scores;
 pub mod spawn;
 pub mod stream;
 pub mod terrain;
+pub mod threads;

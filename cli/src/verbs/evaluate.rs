@@ -1,14 +1,23 @@
-//! `evaluate`: placeholder until its owner fills it.
+//! `evaluate`: measures skills by the protocol. One file an experiment, below.
 
-use super::Shared;
+mod viability;
+
 use crate::exit::Exit;
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    #[command(flatten)]
-    shared: Shared,
+    #[command(subcommand)]
+    experiment: Experiment,
+}
+
+#[derive(clap::Subcommand)]
+enum Experiment {
+    /// One skill by the collection protocol, one rollout per fresh pose
+    Viability(viability::Args),
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
-    anyhow::bail!("`evaluate` is not built yet (json {}, seed {})", args.shared.json, args.shared.seed)
+    match args.experiment {
+        Experiment::Viability(args) => viability::run(&args),
+    }
 }

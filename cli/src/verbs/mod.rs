@@ -10,6 +10,8 @@ mod demo;
 #[cfg(feature = "sim")]
 mod evaluate;
 mod explain;
+#[cfg(feature = "sim")]
+mod rolled;
 mod run;
 mod skills;
 mod train;

@@ -52,6 +52,14 @@ impl CollectConfig {
         }
     }
 
+    /// The same with a skill's own horizon and time limit, from its manifest.
+    #[must_use]
+    pub fn for_skill(mut self, rollout: &vocaloco_core::manifest::Rollout) -> Self {
+        self.rollout.horizon_m = rollout.horizon_m;
+        self.rollout.time_limit_s = rollout.time_limit_s;
+        self
+    }
+
     /// Noise on what the plugin measures.
     pub fn sensor_noise(&self) -> SensorNoise {
         SensorNoise { patch_m: self.patch_noise_m, ..SensorNoise::default() }

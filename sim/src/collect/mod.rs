@@ -19,12 +19,12 @@ pub use run_log::RunLog;
 
 use crate::{
     dataset::{
-        DatasetError, Kind, META_FILE, Meta, ROWS_PER_SHARD, Row, SCHEMA, Shard, blocks, is_complete,
-        shard_file, shard_rows, write_shard,
+        DatasetError, Kind, Layout, META_FILE, Meta, Row, SCHEMA, Shard, is_complete, shard_file, write_shard,
     },
     identity,
     rollout::RolledSkill,
     spawn::{NoValidPose, Spawner},
+    threads::{NoThreads, with_threads},
 };
 use row::Work;
 
@@ -39,8 +39,8 @@ pub struct Collection<'a> {
     pub kind: Kind,
     /// What rows depend on.
     pub config: &'a CollectConfig,
-    /// Number of rows of the whole data set. A cost data set leaves out those that crash.
-    pub rows: u64,
+    /// Rows of the whole data set, and of a file. A cost data set leaves out rows that crash.
+    pub layout: Layout,
     /// This run's part.
     pub shard: Shard,
     /// Threads; 0 for as many as there are processors.
@@ -85,8 +85,8 @@ pub enum CollectError {
     #[error("repeats: found 0, wanted 1 or more")]
     NoRepeats,
     /// Threads could not be started.
-    #[error("threads: {0}")]
-    Threads(String),
+    #[error(transparent)]
+    Threads(#[from] NoThreads),
 }
 
 /// What a run did.
@@ -108,8 +108,8 @@ impl Collection<'_> {
         Meta {
             schema: SCHEMA,
             kind: self.kind,
-            rows: self.rows,
-            rows_per_shard: ROWS_PER_SHARD,
+            rows: self.layout.rows,
+            rows_per_shard: self.layout.rows_per_shard,
             robot: identity::robot(self.robot),
             skill: identity::skill(self.skill, self.plugin_source_sha256.clone()),
             simulator: identity::simulator(),
@@ -119,12 +119,12 @@ impl Collection<'_> {
 
     /// Number of rows in this run's part, what is there already included.
     pub fn rows_of_shard(&self) -> u64 {
-        self.blocks().map(|block| self.rows_of(block).end - self.rows_of(block).start).sum()
+        self.blocks().map(|block| self.layout.rows_of(block)).map(|rows| rows.end - rows.start).sum()
     }
 
     /// Collects into `folder`; `progress` is told the number of rows done, from any thread.
     ///
-    /// Each block of [`ROWS_PER_SHARD`] rows becomes one file, written whole or not at all. Killed at
+    /// Each block of rows becomes one file, written whole or not at all. Killed at
     /// any moment and run again with `resume`, the folder ends with the same bytes.
     ///
     /// # Errors
@@ -135,10 +135,10 @@ impl Collection<'_> {
         }
         std::fs::create_dir_all(folder).map_err(DatasetError::io(folder))?;
         self.agree_on_meta(folder)?;
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(self.threads)
-            .build()
-            .map_err(|error| CollectError::Threads(error.to_string()))?;
+        with_threads(self.threads, || self.collect(folder, progress))?
+    }
+
+    fn collect(&self, folder: &Path, progress: &(dyn Fn(u64) + Sync)) -> Result<Collected, CollectError> {
         let work = Work {
             robot: self.robot,
             skill: self.skill,
@@ -148,7 +148,7 @@ impl Collection<'_> {
         };
         let mut done = Collected::default();
         for block in self.blocks() {
-            let rows = self.rows_of(block);
+            let rows = self.layout.rows_of(block);
             let count = rows.end - rows.start;
             let path = folder.join(shard_file(block));
             if is_complete(&path, &rows) {
@@ -156,7 +156,7 @@ impl Collection<'_> {
                 progress(count);
                 continue;
             }
-            let stored = pool.install(|| collect_block(&work, rows.clone(), progress))?;
+            let stored = collect_block(&work, rows.clone(), progress)?;
             write_shard(&path, self.kind, &rows, &stored)?;
             done.shards_written += 1;
             done.rows_drawn += count;
@@ -166,11 +166,7 @@ impl Collection<'_> {
     }
 
     fn blocks(&self) -> impl Iterator<Item = u64> + '_ {
-        (0..blocks(self.rows)).filter(|block| self.shard.owns(*block))
-    }
-
-    fn rows_of(&self, block: u64) -> Range<u64> {
-        shard_rows(block, self.rows)
+        (0..self.layout.blocks()).filter(|block| self.shard.owns(*block))
     }
 
     /// Writes `meta.json`, or checks that what is there was made of the same; more rows than before

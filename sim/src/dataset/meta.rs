@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use serde::{Deserialize, Serialize};
 
-use super::{DatasetError, Kind, write_atomically};
+use super::{DatasetError, Kind, Layout, write_atomically};
 use crate::collect::CollectConfig;
 
 /// Version of the layout.
@@ -72,6 +72,11 @@ pub struct SimulatorId {
 }
 
 impl Meta {
+    /// How its rows are spread over files.
+    pub fn layout(&self) -> Layout {
+        Layout { rows: self.rows, rows_per_shard: self.rows_per_shard }
+    }
+
     /// Reads `meta.json` of a data set's folder.
     ///
     /// # Errors
@@ -83,6 +88,9 @@ impl Meta {
             .map_err(|error| DatasetError::content(&path, "meta", error, "the layout of schema 1"))?;
         if meta.schema != SCHEMA {
             return Err(DatasetError::content(&path, "schema", meta.schema, SCHEMA));
+        }
+        if meta.rows_per_shard == 0 {
+            return Err(DatasetError::content(&path, "rows_per_shard", 0, "1 or more"));
         }
         Ok(meta)
     }
@@ -105,7 +113,9 @@ impl Meta {
     /// Names the first part that differs.
     pub fn check_same(&self, other: &Self, folder: &Path) -> Result<(), DatasetError> {
         let parts = |meta: &Self| {
-            let mut value = serde_json::to_value(meta).unwrap_or_default();
+            // By way of text, which keeps 0.1 from becoming the double nearest to the float 0.1.
+            let text = serde_json::to_string(meta).unwrap_or_default();
+            let mut value: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
             if let Some(object) = value.as_object_mut() {
                 object.remove("rows");
             }

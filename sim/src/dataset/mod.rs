@@ -16,8 +16,8 @@ use crate::{rollout::Outcome, terrain::TerrainKind};
 pub use error::DatasetError;
 pub use meta::{META_FILE, Meta, RobotId, SCHEMA, SimulatorId, SkillId};
 pub(crate) use read::is_complete;
-pub use read::{Dataset, merge, read, read_incomplete};
-pub use shard::{ROWS_PER_SHARD, Shard, blocks, shard_file, shard_rows};
+pub use read::{Dataset, merge, read, read_incomplete, sha256};
+pub use shard::{Layout, ROWS_PER_SHARD, Shard, shard_file};
 pub use write::{write_atomically, write_shard};
 
 /// What a row's label is.

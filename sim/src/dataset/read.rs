@@ -11,9 +11,10 @@ use parquet::{
     data_type::{BoolType, ByteArrayType, DataType, FloatType, Int32Type, Int64Type},
     file::reader::{FileReader, RowGroupReader, SerializedFileReader},
 };
+use sha2::{Digest, Sha256};
 use vocaloco_core::heightfield::CELLS;
 
-use super::{DatasetError, Meta, blocks, shard_file, shard_rows, write::ROWS_KEY, write_atomically};
+use super::{DatasetError, Meta, shard_file, write::ROWS_KEY, write_atomically};
 use crate::terrain::TerrainKind;
 
 /// A data set in memory, a vector a column, in the order of the rows.
@@ -52,7 +53,7 @@ pub fn read(folder: &Path) -> Result<Dataset, DatasetError> {
         Some(first) => Err(DatasetError::Incomplete {
             path: folder.to_owned(),
             missing: missing.len(),
-            wanted: blocks(dataset.meta.rows) as usize,
+            wanted: dataset.meta.layout().blocks() as usize,
             first: shard_file(*first),
         }),
     }
@@ -77,9 +78,10 @@ pub fn read_incomplete(folder: &Path) -> Result<(Dataset, Vec<u64>), DatasetErro
         successes: Vec::new(),
         spawn_attempts: Vec::new(),
     };
-    for block in 0..blocks(dataset.meta.rows) {
+    let layout = dataset.meta.layout();
+    for block in 0..layout.blocks() {
         let path = folder.join(shard_file(block));
-        if is_complete(&path, &shard_rows(block, dataset.meta.rows)) {
+        if is_complete(&path, &layout.rows_of(block)) {
             dataset.append(&path)?;
         } else {
             missing.push(block);
@@ -98,6 +100,23 @@ pub(crate) fn is_complete(path: &Path, rows: &Range<u64>) -> bool {
     pairs.is_some_and(|pairs| {
         pairs.iter().any(|pair| pair.key == ROWS_KEY && pair.value.as_deref() == Some(wanted.as_str()))
     })
+}
+
+/// SHA-256 over `meta.json` and every shard in order, lowercase hex: what a model says it was made of.
+///
+/// # Errors
+/// A file is missing or cannot be read.
+pub fn sha256(folder: &Path) -> Result<String, DatasetError> {
+    let layout = Meta::read(folder)?.layout();
+    let names = std::iter::once(super::META_FILE.to_owned()).chain((0..layout.blocks()).map(shard_file));
+    let mut hash = Sha256::new();
+    for name in names {
+        let path = folder.join(name);
+        let bytes = std::fs::read(&path).map_err(DatasetError::io(&path))?;
+        hash.update((bytes.len() as u64).to_le_bytes());
+        hash.update(bytes);
+    }
+    Ok(hash.finalize().iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}")))
 }
 
 /// Copies the shards of several data sets into one; all must be made of the same, in all but the
@@ -123,11 +142,12 @@ pub fn merge(sources: &[PathBuf], target: &Path) -> Result<usize, DatasetError> 
     }
     merged.write(target)?;
     let mut copied = 0;
-    for block in 0..blocks(merged.rows) {
+    let layout = merged.layout();
+    for block in 0..layout.blocks() {
         let to = target.join(shard_file(block));
         for folder in sources {
             let from = folder.join(shard_file(block));
-            let rows = shard_rows(block, merged.rows);
+            let rows = layout.rows_of(block);
             if !is_complete(&from, &rows) {
                 continue;
             }

@@ -35,15 +35,26 @@ impl std::fmt::Display for Shard {
     }
 }
 
-/// Number of blocks of `rows` rows.
-pub fn blocks(rows: u64) -> u64 {
-    rows.div_ceil(ROWS_PER_SHARD)
+/// How the rows of a data set are spread over files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Rows of the data set.
+    pub rows: u64,
+    /// Rows to a file.
+    pub rows_per_shard: u64,
 }
 
-/// Rows of a block in a data set of `rows` rows.
-pub fn shard_rows(block: u64, rows: u64) -> Range<u64> {
-    let start = block * ROWS_PER_SHARD;
-    start..(start + ROWS_PER_SHARD).min(rows)
+impl Layout {
+    /// Number of blocks, the last one perhaps shorter.
+    pub fn blocks(self) -> u64 {
+        self.rows.div_ceil(self.rows_per_shard)
+    }
+
+    /// Rows of a block.
+    pub fn rows_of(self, block: u64) -> Range<u64> {
+        let start = block * self.rows_per_shard;
+        start..(start + self.rows_per_shard).min(self.rows)
+    }
 }
 
 /// File name of a block.
@@ -57,14 +68,14 @@ mod tests {
 
     #[test]
     fn every_row_stands_in_exactly_one_block_of_exactly_one_shard() {
-        let rows = 3 * ROWS_PER_SHARD + 5;
+        let layout = Layout { rows: 43, rows_per_shard: 12 };
         let shards = [Shard::parse("1/2").unwrap(), Shard::parse("2/2").unwrap()];
         let mut seen = Vec::new();
-        for block in 0..blocks(rows) {
+        for block in 0..layout.blocks() {
             assert_eq!(shards.iter().filter(|shard| shard.owns(block)).count(), 1, "block {block}");
-            seen.extend(shard_rows(block, rows));
+            seen.extend(layout.rows_of(block));
         }
-        assert_eq!(seen, (0..rows).collect::<Vec<_>>());
+        assert_eq!(seen, (0..43).collect::<Vec<_>>());
     }
 
     #[test]

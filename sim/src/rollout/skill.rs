@@ -5,6 +5,7 @@ use std::sync::Arc;
 use thiserror::Error;
 use vocaloco_core::{
     plugin::{PluginError, PluginInstance, PluginLibrary},
+    registry::LoadedSkill,
     robot::RobotModel,
 };
 use vocaloco_plugin_api::{CommandKind, Description};
@@ -18,9 +19,9 @@ pub struct RolledSkill {
     /// Name of the skill.
     pub name: String,
     library: Arc<PluginLibrary>,
-    parameters: toml::Table,
-    text: String,
-    takes_phase: bool,
+    parameters: String,
+    /// The same, parsed, where the plugin offers a phase.
+    table: Option<toml::Table>,
 }
 
 /// A skill that cannot be rolled out.
@@ -64,21 +65,24 @@ impl RolledSkill {
         if library.description().command != CommandKind::Velocity {
             return Err(SkillRefused::Command { skill: name.to_owned() });
         }
-        let table = toml::from_str(parameters).map_err(|source| SkillRefused::Parameters {
+        let takes_phase = library.description().parameters.iter().any(|one| one.name == PHASE);
+        let table = takes_phase.then(|| toml::from_str(parameters)).transpose();
+        let table = table.map_err(|source| SkillRefused::Parameters {
             skill: name.to_owned(),
             source: Box::new(source),
         })?;
-        let takes_phase = library.description().parameters.iter().any(|one| one.name == PHASE);
-        let skill = Self {
-            name: name.to_owned(),
-            library,
-            parameters: table,
-            text: parameters.to_owned(),
-            takes_phase,
-        };
+        let skill = Self { name: name.to_owned(), library, parameters: parameters.to_owned(), table };
         let plugin_error = |source| SkillRefused::Plugin { skill: name.to_owned(), source };
         skill.instance(Some(0.5), robot).map_err(plugin_error)?;
         Ok(skill)
+    }
+
+    /// The same of a skill as the registry loads it.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn from_loaded(loaded: &LoadedSkill, robot: &RobotModel) -> Result<Self, SkillRefused> {
+        Self::new(&loaded.manifest.name, Arc::clone(&loaded.library), &loaded.parameters, robot)
     }
 
     /// What the plugin says of itself.
@@ -87,13 +91,13 @@ impl RolledSkill {
     }
 
     /// The plugin.
-    pub fn library(&self) -> &PluginLibrary {
+    pub fn library(&self) -> &Arc<PluginLibrary> {
         &self.library
     }
 
     /// The parameter text, without a phase.
     pub fn parameters(&self) -> &str {
-        &self.text
+        &self.parameters
     }
 
     /// A fresh instance that starts at `phase` of its cycle, if the plugin offers that.
@@ -101,13 +105,13 @@ impl RolledSkill {
     /// # Errors
     /// What the plugin reports.
     pub fn instance(&self, phase: Option<f32>, robot: &RobotModel) -> Result<PluginInstance, PluginError> {
-        match phase {
-            Some(phase) if self.takes_phase => {
-                let mut parameters = self.parameters.clone();
+        match (phase, &self.table) {
+            (Some(phase), Some(table)) => {
+                let mut parameters = table.clone();
                 parameters.insert(PHASE.to_owned(), toml::Value::Float(f64::from(phase)));
                 self.library.create(&parameters.to_string(), &robot.description)
             }
-            _ => self.library.create(&self.text, &robot.description),
+            _ => self.library.create(&self.parameters, &robot.description),
         }
     }
 }

@@ -1,0 +1,174 @@
+//! `evaluate viability`: how often a skill passes the horizon, by terrain and size.
+
+use anyhow::ensure;
+use serde::Serialize;
+use vocaloco_sim::{
+    collect::CollectConfig,
+    dataset::Kind,
+    evaluate::{Query, ViabilityRow, sample, summarise},
+    rollout::{Perturbations, RolloutRules},
+    spawn::SpawnRules,
+    terrain::TerrainKind,
+    threads::with_threads,
+};
+
+use crate::{
+    exit::Exit,
+    output, progress,
+    verbs::{
+        Shared,
+        rolled::{Plant, Rolled},
+    },
+};
+
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// Skill to measure; it needs no predictors
+    #[arg(long)]
+    skill: String,
+    /// flat, rough, slope, discrete, `stairs_up`, `stairs_down`, wall or gap
+    #[arg(long, value_parser = parse_terrain)]
+    terrain: TerrainKind,
+    /// Sizes, m: step or obstacle height, gap width, roughness; rise per metre of a slope
+    #[arg(long, value_delimiter = ',', default_value = "0", value_name = "LIST")]
+    size_m: Vec<f32>,
+    /// Fresh poses for each size, one rollout each
+    #[arg(long, default_value_t = 200, value_name = "N")]
+    samples: u64,
+    /// Distance to cover, m; by default the skill's own, 1.5 unless its manifest says otherwise
+    #[arg(long, value_name = "M")]
+    horizon_m: Option<f64>,
+    /// Time for it, s; by default the skill's own (4 for 1.5 m), in proportion to the horizon
+    #[arg(long, value_name = "S")]
+    time_limit_s: Option<f64>,
+    /// Yaw about the terrain's direction, ± radians; any yaw on undirected terrain
+    #[arg(long, default_value_t = 0.3, value_name = "RAD")]
+    yaw_rad: f32,
+    /// What is drawn for each rollout: all, none, or a list of noise, friction, mass, phase
+    #[arg(long, default_value = "all", value_name = "LIST", value_parser = parse_perturb)]
+    perturb: Perturbations,
+    /// Plant to roll out on
+    #[arg(long, value_enum, default_value_t = Plant::Reference)]
+    plant: Plant,
+    /// Uniform noise on every height that the plugin sees, ± metres
+    #[arg(long, default_value_t = 0.02, value_name = "M")]
+    patch_noise_m: f32,
+    /// Threads; 0 for as many as there are processors
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    threads: usize,
+    /// Robot to roll out
+    #[arg(long, default_value = "anymal_d")]
+    robot: String,
+    #[command(flatten)]
+    shared: Shared,
+}
+
+pub(super) fn parse_terrain(text: &str) -> Result<TerrainKind, String> {
+    let ids = TerrainKind::ALL.map(TerrainKind::id).join(" ");
+    TerrainKind::from_id(text).ok_or_else(|| format!("found {text:?}, wanted one of {ids}"))
+}
+
+fn parse_perturb(text: &str) -> Result<Perturbations, String> {
+    Perturbations::parse(text)
+        .ok_or_else(|| format!("found {text:?}, wanted all, none, or a list of noise, friction, mass, phase"))
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
+    ensure!(args.samples > 0, "--samples: found 0, wanted 1 or more");
+    ensure!((0.0..=3.15).contains(&args.yaw_rad), "--yaw-rad: found {}, wanted 0 to 3.14", args.yaw_rad);
+    let noise_m = args.patch_noise_m;
+    ensure!((0.0..=1.0).contains(&noise_m), "--patch-noise-m: found {noise_m}, wanted 0 to 1");
+    for size_m in &args.size_m {
+        ensure!((0.0..=2.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 2");
+    }
+    let rolled = Rolled::load(&args.robot, &args.skill)?;
+    let rules = rules(args, &rolled)?;
+    let bar = progress::bar(
+        &format!("{} on {}", args.skill, args.terrain),
+        args.samples * args.size_m.len() as u64,
+    );
+    let rows = args.size_m.iter().map(|size_m| {
+        let query = Query {
+            rules,
+            spawn: SpawnRules { yaw_rad: args.yaw_rad, any_yaw_share: 0.0, ..SpawnRules::default() },
+            perturb: args.perturb.clone(),
+            patch_noise_m: args.patch_noise_m,
+            plant: args.plant.into(),
+            ..Query::new(args.terrain, *size_m, args.samples, args.shared.seed)
+        };
+        let samples =
+            with_threads(args.threads, || sample(&rolled.robot, &rolled.skill, &query, &|| bar.inc(1)))??;
+        Ok(summarise(&rolled.skill, &query, &samples))
+    });
+    let rows = rows.collect::<anyhow::Result<Vec<ViabilityRow>>>();
+    bar.finish_and_clear();
+    report(args, &rules, &rows?)?;
+    Ok(Exit::Fine)
+}
+
+fn rules(args: &Args, rolled: &Rolled) -> anyhow::Result<RolloutRules> {
+    let own = CollectConfig::new(Kind::Viability, 0).for_skill(&rolled.loaded.manifest.rollout).rollout;
+    let horizon_m = args.horizon_m.unwrap_or(own.horizon_m);
+    ensure!((0.1..=4.0).contains(&horizon_m), "--horizon-m: found {horizon_m}, wanted 0.1 to 4");
+    let time_limit_s = args.time_limit_s.unwrap_or(own.time_limit_s * horizon_m / own.horizon_m);
+    ensure!((0.1..=60.0).contains(&time_limit_s), "--time-limit-s: found {time_limit_s}, wanted 0.1 to 60");
+    Ok(RolloutRules { horizon_m, time_limit_s, ..own })
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report<'a> {
+    command: String,
+    seed: u64,
+    version: &'static str,
+    rows: &'a [ViabilityRow],
+}
+
+fn report(args: &Args, rules: &RolloutRules, rows: &[ViabilityRow]) -> anyhow::Result<()> {
+    let command = command(args, rules);
+    if args.shared.json {
+        let seed = args.shared.seed;
+        return Ok(output::json(&Report { command, seed, version: env!("CARGO_PKG_VERSION"), rows })?);
+    }
+    output::line("size      n  viable  95 % interval    collision  timeout    CoT   speed m/s")?;
+    for row in rows {
+        let cot = row.cot_mean.map_or_else(|| "-".to_owned(), |cot| format!("{cot:.3}"));
+        output::line(&format!(
+            "{:<5.3} {:>5}  {:>6.3}  {:.3} to {:.3}  {:>9.3}  {:>7.3}  {cot:>5}  {:>10.2}",
+            row.size_m,
+            row.n,
+            row.viable,
+            row.viable_low,
+            row.viable_high,
+            row.base_collision,
+            row.timeout,
+            row.mean_speed_m_per_s
+        ))?;
+    }
+    output::line(&command)?;
+    Ok(())
+}
+
+/// The command that repeats the table, on any number of threads.
+fn command(args: &Args, rules: &RolloutRules) -> String {
+    let sizes: Vec<String> = args.size_m.iter().map(ToString::to_string).collect();
+    format!(
+        "vocaloco evaluate viability --skill {} --terrain {} --size-m {} --samples {} --horizon-m {} \
+         --time-limit-s {} --yaw-rad {} --perturb {} --plant {} --patch-noise-m {} --robot {} --seed {}",
+        args.skill,
+        args.terrain,
+        sizes.join(","),
+        args.samples,
+        rules.horizon_m,
+        rules.time_limit_s,
+        args.yaw_rad,
+        args.perturb,
+        match args.plant {
+            Plant::Reference => "reference",
+            Plant::Fast => "fast",
+        },
+        args.patch_noise_m,
+        args.robot,
+        args.shared.seed
+    )
+}
