@@ -1,11 +1,17 @@
 //! Everything of VOCALoco that runs on the robot: from an elevation map to the joint targets of the
 //! chosen skill. Knows no physics engine, no training and no particular skill.
 
+pub mod decision;
 pub mod elevation;
 pub mod heightfield;
 pub mod installation;
 pub mod manifest;
+pub mod observation;
 pub mod plugin;
 pub mod predictor;
 pub mod registry;
 pub mod robot;
+pub mod runtime;
+pub mod selector;
+pub mod stand;
+pub mod switch;

@@ -1,0 +1,150 @@
+//! What a source (simulator, robot, log) hands the runtime each tick, and whether it can be used.
+
+use thiserror::Error;
+use vocaloco_plugin_api::{Command, RobotDescription};
+
+use crate::elevation::Elevation;
+use crate::heightfield::Noise;
+
+/// The robot as measured this tick. Joint arrays follow the robot's joint order, contacts its feet.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observation {
+    /// Time of the measurement, s; it never runs backwards.
+    pub t_s: f64,
+    /// rad.
+    pub joint_position_rad: Vec<f32>,
+    /// rad/s.
+    pub joint_velocity_rad_per_s: Vec<f32>,
+    /// N·m, where the source has them.
+    pub joint_torque_nm: Option<Vec<f32>>,
+    /// Whether each foot touches, where the source knows.
+    pub foot_contact: Option<Vec<bool>>,
+    /// Of the base origin in the base frame, m/s.
+    pub base_linear_velocity: [f32; 3],
+    /// In the base frame, rad/s.
+    pub base_angular_velocity: [f32; 3],
+    /// Unit vector of gravity in the base frame.
+    pub projected_gravity: [f32; 3],
+    /// The base in the odometry frame; only position targets need it.
+    pub base_in_odom: Option<BaseInOdom>,
+    /// The terrain around the robot; none means unknown.
+    pub elevation: Option<Elevation>,
+    /// What the robot is asked to do.
+    pub command: Command,
+    /// Noise for the predictors' field, m; only simulators set it.
+    pub field_noise: Option<Noise>,
+}
+
+/// The base's pose in the odometry frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BaseInOdom {
+    /// Origin, m.
+    pub position_m: [f64; 3],
+    /// Rotation from base to odometry frame, x y z w.
+    pub orientation_xyzw: [f64; 4],
+}
+
+/// A measurement that cannot be used: which field, what it holds, what it should hold.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("{field}: found {found}, wanted {wanted}")]
+pub struct ObservationFault {
+    /// The field, such as `joint_position_rad.LF_HAA`.
+    pub field: String,
+    /// What it holds.
+    pub found: String,
+    /// What it should hold.
+    pub wanted: String,
+}
+
+impl ObservationFault {
+    /// A fault of `field`.
+    pub fn new(
+        field: impl Into<String>,
+        found: impl std::fmt::Display,
+        wanted: impl std::fmt::Display,
+    ) -> Self {
+        Self { field: field.into(), found: found.to_string(), wanted: wanted.to_string() }
+    }
+}
+
+/// What the skills of a deployment need of every observation, besides joints and base.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Required {
+    /// Joint torques.
+    pub joint_torques: bool,
+    /// Foot contacts.
+    pub foot_contacts: bool,
+    /// The base in the odometry frame.
+    pub base_in_odom: bool,
+}
+
+impl Observation {
+    /// Checks that every array has its length and every value is a finite number.
+    ///
+    /// The terrain is not looked at: without it the robot stops, which is no fault of this kind.
+    ///
+    /// # Errors
+    /// The first field at fault, by joint or foot name.
+    pub fn check(&self, robot: &RobotDescription, required: Required) -> Result<(), ObservationFault> {
+        if !self.t_s.is_finite() {
+            return Err(ObservationFault::new("t_s", self.t_s, "a finite number of seconds"));
+        }
+        let joints = |field: &str, values: &[f32]| {
+            if values.len() != robot.joints.len() {
+                let wanted = format!("{}, one a joint", robot.joints.len());
+                return Err(ObservationFault::new(field, format!("{} values", values.len()), wanted));
+            }
+            let bad = values.iter().zip(&robot.joints).find(|(value, _)| !value.is_finite());
+            match bad {
+                Some((value, joint)) => {
+                    Err(ObservationFault::new(format!("{field}.{}", joint.name), value, "a finite number"))
+                }
+                None => Ok(()),
+            }
+        };
+        joints("joint_position_rad", &self.joint_position_rad)?;
+        joints("joint_velocity_rad_per_s", &self.joint_velocity_rad_per_s)?;
+        match &self.joint_torque_nm {
+            Some(torques) => joints("joint_torque_nm", torques)?,
+            None if required.joint_torques => return Err(missing("joint_torque_nm")),
+            None => {}
+        }
+        match &self.foot_contact {
+            Some(contacts) if contacts.len() != robot.feet.len() => {
+                let wanted = format!("{}, one a foot", robot.feet.len());
+                return Err(ObservationFault::new(
+                    "foot_contact",
+                    format!("{} values", contacts.len()),
+                    wanted,
+                ));
+            }
+            None if required.foot_contacts => return Err(missing("foot_contact")),
+            _ => {}
+        }
+        vector("base_linear_velocity_m_per_s", &self.base_linear_velocity)?;
+        vector("base_angular_velocity_rad_per_s", &self.base_angular_velocity)?;
+        vector("projected_gravity", &self.projected_gravity)?;
+        vector("command.velocity", &self.command.velocity)?;
+        vector("command.target", &self.command.target)?;
+        match &self.base_in_odom {
+            Some(base) if !base.position_m.iter().chain(&base.orientation_xyzw).all(|v| v.is_finite()) => {
+                Err(ObservationFault::new("base_in_odom", format!("{base:?}"), "finite numbers"))
+            }
+            None if required.base_in_odom => Err(missing("base_in_odom")),
+            _ => Ok(()),
+        }
+    }
+}
+
+fn missing(field: &str) -> ObservationFault {
+    ObservationFault::new(field, "nothing", "a value: a skill of this deployment needs it")
+}
+
+fn vector(field: &str, values: &[f32]) -> Result<(), ObservationFault> {
+    match values.iter().position(|value| !value.is_finite()) {
+        Some(index) => {
+            Err(ObservationFault::new(format!("{field}[{index}]"), values[index], "a finite number"))
+        }
+        None => Ok(()),
+    }
+}

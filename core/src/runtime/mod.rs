@@ -1,0 +1,476 @@
+//! The loop's one step: an observation in, a decision and joint targets out.
+//!
+//! Source-agnostic and deterministic: it reads no clock (one may be given, only to measure), opens
+//! nothing and never gives up. Whatever fails, it stands; DESIGN's table of faults is this file.
+
+mod skill;
+#[cfg(test)]
+mod tests;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use thiserror::Error;
+use vocaloco_plugin_api::{CommandKind, JointTarget, RobotState, TerrainPatch};
+
+use skill::Limits;
+pub use skill::{Controller, Networks, Predict, Skill};
+
+use crate::decision::{self, Decision, Forced, STAND, STOP, SkillVerdict, Timings};
+use crate::heightfield::{Field, Noise};
+use crate::manifest::Deployment;
+use crate::observation::{Observation, ObservationFault, Required};
+use crate::plugin::PluginError;
+use crate::registry::LoadedDeployment;
+use crate::robot::RobotModel;
+use crate::selector::{Choice, Prediction, Reason, Selector, is_zero};
+use crate::stand::{Handover, Stand};
+use crate::switch::{Active, SwitchFilter, Windows};
+
+/// Why a loop cannot start.
+#[derive(Debug, Error)]
+pub enum RuntimeError {
+    /// A plugin that passed the registry refused the robot now.
+    #[error(transparent)]
+    Plugin(#[from] PluginError),
+    /// A skill was loaded without its predictors.
+    #[error("skill {0}: found no predictors, wanted models.viability and models.cot")]
+    NoPredictors(String),
+    /// A skill goes to position targets, which this version does not set.
+    #[error("skill {0}: command.kind: found position_target, wanted velocity in this version")]
+    PositionTarget(String),
+}
+
+/// What the loop needs of a deployment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RuntimeConfig {
+    /// Rate of ticks, Hz.
+    pub rate_hz: f64,
+    /// Oldest terrain that is looked at, s.
+    pub max_age_s: f64,
+    /// The switch filter's windows.
+    pub windows: Windows,
+}
+
+impl From<&Deployment> for RuntimeConfig {
+    fn from(deployment: &Deployment) -> Self {
+        Self {
+            rate_hz: deployment.rate_hz,
+            max_age_s: deployment.heightfield.max_age_s,
+            windows: Windows {
+                switch: deployment.switch_window,
+                stop: deployment.stop_window,
+                resume: deployment.resume_window,
+            },
+        }
+    }
+}
+
+/// What a tick came to.
+#[derive(Clone, Copy, Debug)]
+pub struct Tick<'a> {
+    /// The record.
+    pub decision: &'a Decision,
+    /// One target a joint, in the robot's order, to be held until the next tick.
+    pub joints: &'a [JointTarget],
+}
+
+/// The runtime of a deployment.
+pub struct Runtime {
+    robot: Arc<RobotModel>,
+    config: RuntimeConfig,
+    required: Required,
+    limits: Limits,
+    skills: Vec<Skill>,
+    selector: Selector,
+    filter: SwitchFilter,
+    stand: Stand,
+    clock: Option<fn() -> Duration>,
+    /// Who made the targets in `joints`; none before the first tick.
+    drives: Option<Active>,
+    last_t_s: Option<f64>,
+    ticks: u64,
+    decision: Decision,
+    joints: Vec<JointTarget>,
+    candidate: Vec<JointTarget>,
+    predictions: Vec<Prediction>,
+    reasons: Vec<Reason>,
+    contacts: Vec<u8>,
+    terrain_m: Vec<f32>,
+}
+
+impl Runtime {
+    /// The runtime of a loaded deployment, an instance of each skill's plugin made.
+    ///
+    /// # Errors
+    /// A plugin refuses, a skill lacks its predictors or takes position targets.
+    pub fn new(loaded: LoadedDeployment) -> Result<Self, RuntimeError> {
+        let config = RuntimeConfig::from(&loaded.deployment);
+        let mut skills = Vec::new();
+        for skill in loaded.skills {
+            let rule = Skill::rule_of(&skill.manifest);
+            if rule.command.kind == CommandKind::PositionTarget {
+                return Err(RuntimeError::PositionTarget(rule.name));
+            }
+            let controller = Box::new(skill.create(&loaded.robot.description)?);
+            let needs = skill.library.description().needs;
+            let (Some(viability), Some(cot)) = (skill.viability, skill.cot) else {
+                return Err(RuntimeError::NoPredictors(rule.name));
+            };
+            skills.push(Skill { rule, needs, controller, predictors: Box::new(Networks { viability, cot }) });
+        }
+        Ok(Self::from_skills(config, loaded.robot, skills))
+    }
+
+    /// A runtime of any skills: what predicts and what drives need not come from files.
+    pub fn from_skills(config: RuntimeConfig, robot: Arc<RobotModel>, skills: Vec<Skill>) -> Self {
+        let joints = vec![JointTarget::default(); robot.joint_count()];
+        let required = Required {
+            joint_torques: skills.iter().any(|skill| skill.needs.joint_torques),
+            foot_contacts: skills.iter().any(|skill| skill.needs.foot_contacts),
+            base_in_odom: false,
+        };
+        let verdict = |skill: &Skill| SkillVerdict {
+            name: skill.rule.name.clone(),
+            viability: None,
+            cot: None,
+            viable: false,
+            reason: Reason::NoObservation,
+        };
+        Self {
+            decision: Decision { skills: skills.iter().map(verdict).collect(), ..Decision::default() },
+            limits: Limits::of(&robot.description),
+            selector: Selector::new(skills.iter().map(|skill| skill.rule.clone()).collect()),
+            filter: SwitchFilter::new(config.windows),
+            stand: Stand::new(Arc::clone(&robot)),
+            predictions: vec![Prediction::NONE; skills.len()],
+            reasons: Vec::with_capacity(skills.len()),
+            candidate: joints.clone(),
+            joints,
+            skills,
+            required,
+            config,
+            robot,
+            clock: None,
+            drives: None,
+            last_t_s: None,
+            ticks: 0,
+            contacts: Vec::new(),
+            terrain_m: Vec::new(),
+        }
+    }
+
+    /// Measures every tick with `clock`; decisions stay what they are without one.
+    #[must_use]
+    pub fn with_clock(mut self, clock: fn() -> Duration) -> Self {
+        self.clock = Some(clock);
+        self
+    }
+
+    /// Back to the start of the loop: standing, every skill in service, time and ticks from zero.
+    pub fn restart(&mut self) {
+        self.selector.restart();
+        self.filter = SwitchFilter::new(self.config.windows);
+        self.drives = None;
+        self.last_t_s = None;
+        self.ticks = 0;
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Arc<RobotModel> {
+        &self.robot
+    }
+
+    /// What the loop was configured with.
+    pub fn config(&self) -> RuntimeConfig {
+        self.config
+    }
+
+    /// What every observation must hold besides joints and base.
+    pub fn required(&self) -> Required {
+        self.required
+    }
+
+    /// The selector's rules, in the deployment's order.
+    pub fn rules(&self) -> &[crate::selector::Rule] {
+        self.selector.rules()
+    }
+
+    /// Whether an observation can be used in the next tick.
+    ///
+    /// # Errors
+    /// The first field that is missing, not a number, or runs backwards in time.
+    pub fn check(&self, observation: &Observation) -> Result<(), ObservationFault> {
+        observation.check(&self.robot.description, self.required)?;
+        match self.last_t_s {
+            Some(last) if observation.t_s < last => {
+                Err(ObservationFault::new("t_s", observation.t_s, format!("{last} or later")))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// One tick. An observation that cannot be used stands, as [`fault_tick`](Self::fault_tick).
+    pub fn tick(&mut self, observation: &Observation) -> Tick<'_> {
+        if let Err(fault) = self.check(observation) {
+            if observation.t_s.is_finite() {
+                // Only the tick in which time jumps back is at fault, not all that follow.
+                self.last_t_s = Some(observation.t_s);
+            }
+            return self.fault_tick(&fault);
+        }
+        let began = self.now();
+        self.last_t_s = Some(observation.t_s);
+        self.begin(observation.t_s, observation.command.velocity);
+
+        let field = self.field(observation);
+        let choice = self.choose(field.as_ref(), observation);
+        self.decision.field = field;
+        let predicted = self.now();
+
+        self.decide(choice, observation);
+        self.drive(observation);
+        let timings = began.zip(predicted).zip(self.now());
+        self.decision.timings = timings.map(|((began, predicted), ended)| Timings {
+            predict_us: micros(began, predicted),
+            act_us: micros(predicted, ended),
+            total_us: micros(began, ended),
+        });
+        self.record(choice);
+        Tick { decision: &self.decision, joints: &self.joints }
+    }
+
+    /// A tick without a usable observation: the robot stands, at once.
+    pub fn fault_tick(&mut self, fault: &ObservationFault) -> Tick<'_> {
+        self.begin(self.last_t_s.unwrap_or(0.0), [0.0; 3]);
+        self.decision.heightfield_hash.clear();
+        self.decision.field = None;
+        self.decision.events.push(fault.to_string());
+        for (skill, verdict) in self.decision.skills.iter_mut().enumerate() {
+            let reason = self.selector.out_of_service(skill).unwrap_or(Reason::NoObservation);
+            *verdict = SkillVerdict {
+                name: std::mem::take(&mut verdict.name),
+                viability: None,
+                cot: None,
+                viable: false,
+                reason,
+            };
+        }
+        self.force(Forced::Observation);
+        let handover = Handover { position_rad: None, torque_nm: None, last: None };
+        self.stand(handover, [0.0, 0.0, -1.0]);
+        self.decision.timings = None;
+        self.record(Choice::Stop);
+        Tick { decision: &self.decision, joints: &self.joints }
+    }
+
+    fn now(&self) -> Option<Duration> {
+        self.clock.map(|clock| clock())
+    }
+
+    fn begin(&mut self, t_s: f64, command: [f32; 3]) {
+        let decision = &mut self.decision;
+        decision.t_s = t_s;
+        decision.tick = self.ticks;
+        decision.command = command;
+        decision.forced = None;
+        decision.events.clear();
+        self.ticks += 1;
+    }
+
+    /// The predictors' field; none, with an event, when the terrain cannot be used.
+    fn field(&mut self, observation: &Observation) -> Option<Field> {
+        let age_s = |t_s: f64| observation.t_s - t_s;
+        let max_age_s = self.config.max_age_s + 1e-9;
+        let prepared = match &observation.elevation {
+            None => Err("elevation: found nothing, wanted a patch of terrain".to_owned()),
+            // Phrased as "is inside", so a time that is no number is refused too.
+            Some(elevation) if !(-max_age_s..=max_age_s).contains(&age_s(elevation.t_s)) => Err(format!(
+                "elevation: found terrain {:.3} s old, wanted at most {} s",
+                age_s(elevation.t_s),
+                self.config.max_age_s
+            )),
+            Some(elevation) => {
+                let noise: Option<&Noise> = observation.field_noise.as_ref();
+                elevation
+                    .heightfield()
+                    .map_err(|error| error.to_string())
+                    .and_then(|heightfield| heightfield.prepare(noise).map_err(|error| error.to_string()))
+            }
+        };
+        match prepared {
+            Ok(field) => {
+                decision::hash_into(&field, &mut self.decision.heightfield_hash);
+                Some(field)
+            }
+            Err(event) => {
+                self.decision.heightfield_hash.clear();
+                self.decision.events.push(event);
+                None
+            }
+        }
+    }
+
+    /// Predictions and verdicts of every skill, into the record.
+    fn choose(&mut self, field: Option<&Field>, observation: &Observation) -> Choice {
+        let choice = match field {
+            Some(field) => {
+                for (index, skill) in self.skills.iter_mut().enumerate() {
+                    self.predictions[index] = if self.selector.out_of_service(index).is_some() {
+                        Prediction::NONE
+                    } else {
+                        let (prediction, failed) = skill.predictors.predict(field);
+                        self.decision.events.extend(failed);
+                        prediction
+                    };
+                }
+                self.selector.choose(&self.predictions, &observation.command, &mut self.reasons)
+            }
+            None => {
+                self.predictions.fill(Prediction::NONE);
+                self.reasons.clear();
+                let reason = |skill| self.selector.out_of_service(skill).unwrap_or(Reason::NoTerrain);
+                self.reasons.extend((0..self.skills.len()).map(reason));
+                Choice::Stop
+            }
+        };
+        let seen = self.predictions.iter().zip(&self.reasons);
+        for (verdict, (prediction, reason)) in self.decision.skills.iter_mut().zip(seen) {
+            verdict.viability = Some(prediction.viability).filter(|value| value.is_finite());
+            verdict.cot = Some(prediction.cot).filter(|value| value.is_finite());
+            verdict.viable = matches!(reason, Reason::Viable { .. });
+            verdict.reason = *reason;
+        }
+        choice
+    }
+
+    /// Who drives: the window, unless a fault or a zero command overrules it.
+    fn decide(&mut self, choice: Choice, observation: &Observation) {
+        let active_verdict = match self.filter.active() {
+            Active::Skill(skill) => Some(&self.decision.skills[skill]),
+            Active::Stand => None,
+        };
+        let active_is_viable = active_verdict.is_none_or(|verdict| verdict.viable);
+        let retired = active_verdict.is_some_and(|verdict| verdict.reason.is_out_of_service());
+        if self.decision.heightfield_hash.is_empty() {
+            self.force(Forced::Terrain);
+        } else if retired {
+            self.force(Forced::Fault);
+        } else if is_zero(&observation.command) {
+            self.force(Forced::ZeroCommand);
+        } else {
+            self.filter.step(choice, active_is_viable);
+        }
+    }
+
+    fn force(&mut self, why: Forced) {
+        self.decision.forced = Some(why);
+        match why {
+            Forced::ZeroCommand => self.filter.stand_now(),
+            Forced::Terrain | Forced::Observation | Forced::Fault => self.filter.stop_now(),
+        }
+    }
+
+    /// Targets from whoever drives; a skill that fails is retired and the stand takes over.
+    fn drive(&mut self, observation: &Observation) {
+        if let Active::Skill(skill) = self.filter.active() {
+            match self.act(skill, observation) {
+                Ok(()) => {
+                    std::mem::swap(&mut self.joints, &mut self.candidate);
+                    self.drives = Some(Active::Skill(skill));
+                    return;
+                }
+                Err(fault) => {
+                    let name = &self.selector.rules()[skill].name;
+                    self.decision.events.push(format!("skill {name} is taken out of service: {fault}"));
+                    self.selector.retire(skill, Reason::PluginFailed);
+                    self.decision.skills[skill].viable = false;
+                    self.decision.skills[skill].reason = Reason::PluginFailed;
+                    self.force(Forced::Fault);
+                }
+            }
+        }
+        let handover = Handover {
+            position_rad: Some(&observation.joint_position_rad),
+            torque_nm: observation.joint_torque_nm.as_deref(),
+            last: None,
+        };
+        self.stand(handover, observation.projected_gravity);
+    }
+
+    fn stand(&mut self, handover: Handover<'_>, gravity: [f32; 3]) {
+        if self.drives != Some(Active::Stand) {
+            let last = self.drives.is_some().then_some(self.joints.as_slice());
+            self.stand.begin(Handover { last, ..handover });
+            self.drives = Some(Active::Stand);
+        }
+        self.stand.step(1.0 / self.config.rate_hz, gravity, &mut self.joints);
+    }
+
+    /// Targets of one skill into `candidate`, reset first if it did not drive before.
+    fn act(&mut self, index: usize, observation: &Observation) -> Result<(), String> {
+        let skill = &mut self.skills[index];
+        self.contacts.clear();
+        let contacts = observation.foot_contact.iter().flatten();
+        self.contacts.extend(contacts.map(|&touches| u8::from(touches)));
+        self.terrain_m.clear();
+        if let Some(patch) = skill.needs.terrain.as_ref().into_option() {
+            let patch: &TerrainPatch = patch;
+            self.terrain_m.resize(patch.rows() * patch.columns(), f32::NAN);
+            if let Some(elevation) = &observation.elevation {
+                elevation.patch(patch, &mut self.terrain_m);
+            }
+        }
+        let state = RobotState {
+            time_s: observation.t_s,
+            joint_position_rad: observation.joint_position_rad.as_slice().into(),
+            joint_velocity_rad_per_s: observation.joint_velocity_rad_per_s.as_slice().into(),
+            joint_torque_nm: observation.joint_torque_nm.as_deref().unwrap_or_default().into(),
+            base_linear_velocity_m_per_s: observation.base_linear_velocity,
+            base_angular_velocity_rad_per_s: observation.base_angular_velocity,
+            projected_gravity: observation.projected_gravity,
+            foot_contact: self.contacts.as_slice().into(),
+            terrain_m: self.terrain_m.as_slice().into(),
+        };
+        if self.drives != Some(Active::Skill(index)) {
+            skill.controller.reset(&state).map_err(|error| format!("reset: {error}"))?;
+        }
+        // A controller that leaves a target out must not drive with what stood there before.
+        self.candidate.fill(JointTarget { position_rad: f32::NAN, ..JointTarget::default() });
+        let acted = skill.controller.act(&state, &observation.command, &mut self.candidate);
+        acted.map_err(|error| format!("act: {error}"))?;
+        self.limits.check(&self.candidate)
+    }
+
+    fn record(&mut self, choice: Choice) {
+        let overruled = self.decision.forced.is_some_and(|forced| forced != Forced::ZeroCommand);
+        let choice = if overruled { Choice::Stop } else { choice };
+        fn set(text: &mut String, value: &str) {
+            text.clear();
+            text.push_str(value);
+        }
+        let rules = self.selector.rules();
+        let name = |skill: usize| rules[skill].name.as_str();
+        let active = self.filter.active();
+        set(
+            &mut self.decision.choice,
+            match choice {
+                Choice::Stop => STOP,
+                Choice::Skill(skill) => name(skill),
+            },
+        );
+        set(
+            &mut self.decision.active,
+            match active {
+                Active::Stand => STAND,
+                Active::Skill(skill) => name(skill),
+            },
+        );
+        self.decision.stopped = self.filter.is_stopped();
+        self.decision.explain(choice, active, self.filter.agreement());
+    }
+}
+
+fn micros(from: Duration, to: Duration) -> f64 {
+    to.saturating_sub(from).as_secs_f64() * 1e6
+}

@@ -1,0 +1,156 @@
+//! A skill as the runtime holds it: what drives, what predicts, and the fences around both.
+
+use vocaloco_plugin_api::{Command, JointTarget, Needs, RobotDescription, RobotState, SkillError};
+
+use crate::heightfield::Field;
+use crate::manifest::SkillManifest;
+use crate::plugin::PluginInstance;
+use crate::predictor::Predictor;
+use crate::selector::{Prediction, Rule};
+
+/// What drives the joints while its skill is active: a plugin's instance, or a test's stand-in.
+pub trait Controller: Send {
+    /// Forget everything; called on activation.
+    ///
+    /// # Errors
+    /// When the controller cannot start from `state`.
+    fn reset(&mut self, state: &RobotState<'_>) -> Result<(), SkillError>;
+
+    /// One tick: fills `joints`, in the robot's order.
+    ///
+    /// # Errors
+    /// When the controller has no targets for this tick.
+    fn act(
+        &mut self,
+        state: &RobotState<'_>,
+        command: &Command,
+        joints: &mut [JointTarget],
+    ) -> Result<(), SkillError>;
+}
+
+impl Controller for PluginInstance {
+    fn reset(&mut self, state: &RobotState<'_>) -> Result<(), SkillError> {
+        Self::reset(self, state)
+    }
+
+    fn act(
+        &mut self,
+        state: &RobotState<'_>,
+        command: &Command,
+        joints: &mut [JointTarget],
+    ) -> Result<(), SkillError> {
+        Self::act(self, state, command, joints)
+    }
+}
+
+/// What predicts a skill's viability and cost: its two networks, an oracle, or a test's stand-in.
+pub trait Predict: Send {
+    /// The prediction for a field, NaN where there is none, and a line about what failed.
+    fn predict(&mut self, field: &Field) -> (Prediction, Option<String>);
+}
+
+/// The two networks of a skill.
+#[derive(Debug)]
+pub struct Networks {
+    /// Viability.
+    pub viability: Predictor,
+    /// Cost of transport.
+    pub cot: Predictor,
+}
+
+impl Predict for Networks {
+    fn predict(&mut self, field: &Field) -> (Prediction, Option<String>) {
+        let mut failed = None;
+        let mut value = |predicted: Result<f32, crate::predictor::ModelError>| {
+            predicted.unwrap_or_else(|error| {
+                failed = Some(error.to_string());
+                f32::NAN
+            })
+        };
+        let viability = value(self.viability.predict(field));
+        let cot = value(self.cot.predict(field));
+        (Prediction { viability, cot }, failed)
+    }
+}
+
+/// A skill, ready to run.
+pub struct Skill {
+    /// How the selector treats it.
+    pub rule: Rule,
+    /// What its controller reads each tick.
+    pub needs: Needs,
+    /// What drives.
+    pub controller: Box<dyn Controller>,
+    /// What predicts.
+    pub predictors: Box<dyn Predict>,
+}
+
+impl Skill {
+    /// The selector's rule of a manifest.
+    pub fn rule_of(manifest: &SkillManifest) -> Rule {
+        Rule {
+            name: manifest.name.clone(),
+            viability_threshold: manifest.selection.viability_threshold,
+            command: manifest.command,
+        }
+    }
+}
+
+/// What a joint may be told: beyond it a controller is broken, whatever it meant.
+#[derive(Clone, Debug)]
+pub(super) struct Limits(Vec<JointLimits>);
+
+#[derive(Clone, Debug)]
+struct JointLimits {
+    name: String,
+    lower_rad: f32,
+    upper_rad: f32,
+    effort_nm: f32,
+}
+
+/// Largest stiffness, N·m/rad, and damping, N·m·s/rad, that a drive is given.
+const MAX_STIFFNESS: f32 = 1000.0;
+const MAX_DAMPING: f32 = 100.0;
+/// Slack of a position target beyond the joint's range, rad.
+const SLACK_RAD: f32 = 0.2;
+
+impl Limits {
+    pub(super) fn of(robot: &RobotDescription) -> Self {
+        let limits = |joint: &vocaloco_plugin_api::JointDescription| JointLimits {
+            name: joint.name.to_string(),
+            lower_rad: joint.lower_rad as f32,
+            upper_rad: joint.upper_rad as f32,
+            effort_nm: joint.effort_nm as f32,
+        };
+        Self(robot.joints.iter().map(limits).collect())
+    }
+
+    /// Checks every target; each comparison is phrased so that NaN fails.
+    ///
+    /// Feed-forward torque is often folded into the position target (`q* + τ/k`), so a target may
+    /// lie outside the joint's range by as much as its drive's effort is worth.
+    ///
+    /// # Errors
+    /// One line: joint, quantity, what was found, what would be right.
+    pub(super) fn check(&self, joints: &[JointTarget]) -> Result<(), String> {
+        for (target, joint) in joints.iter().zip(&self.0) {
+            let wanted = |quantity: &str, found: f32, least: f32, greatest: f32| {
+                let inside = found >= least && found <= greatest;
+                let name = &joint.name;
+                if inside {
+                    Ok(())
+                } else {
+                    Err(format!("{name}: {quantity} {found}, {least} to {greatest} wanted"))
+                }
+            };
+            wanted("stiffness_nm_per_rad", target.stiffness_nm_per_rad, 0.0, MAX_STIFFNESS)?;
+            wanted("damping_nms_per_rad", target.damping_nms_per_rad, 0.0, MAX_DAMPING)?;
+            wanted("feed_forward_nm", target.feed_forward_nm, -joint.effort_nm, joint.effort_nm)?;
+            // At zero stiffness any finite position is the same.
+            let folded = (joint.effort_nm / target.stiffness_nm_per_rad.max(1.0)) + SLACK_RAD;
+            let (least, greatest) = (joint.lower_rad - folded, joint.upper_rad + folded);
+            wanted("position_rad", target.position_rad, least, greatest)?;
+        }
+        Ok(())
+    }
+}

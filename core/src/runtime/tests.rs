@@ -1,0 +1,424 @@
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use abi_stable::std_types::ROption;
+use vocaloco_plugin_api::{Command, ErrorCode, Needs, SkillError};
+
+use super::*;
+use crate::elevation::Elevation;
+use crate::manifest::CommandRange;
+use crate::selector::Rule;
+
+const FORWARD: Command = Command::velocity(0.6, 0.0, 0.0);
+
+fn robot() -> Arc<RobotModel> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../manifests/robots");
+    Arc::new(RobotModel::load(&folder, "anymal_d").unwrap())
+}
+
+/// What the stand-in plugin does next, and what it was called with; shared with the test.
+#[derive(Default)]
+struct Script {
+    prediction: Option<(f32, f32)>,
+    act: Option<fn(&mut [JointTarget])>,
+    fails: bool,
+    reset_fails: bool,
+    resets: usize,
+    acts: usize,
+    terrain: Vec<f32>,
+}
+
+#[derive(Clone, Default)]
+struct Fake(Arc<Mutex<Script>>);
+
+impl Fake {
+    fn with<T>(&self, change: impl FnOnce(&mut Script) -> T) -> T {
+        change(&mut self.0.lock().unwrap())
+    }
+}
+
+impl Controller for Fake {
+    fn reset(&mut self, _: &RobotState<'_>) -> Result<(), SkillError> {
+        self.with(|script| {
+            script.resets += 1;
+            if script.reset_fails { Err(SkillError::new(ErrorCode::Internal, "no start")) } else { Ok(()) }
+        })
+    }
+
+    fn act(
+        &mut self,
+        state: &RobotState<'_>,
+        _: &Command,
+        joints: &mut [JointTarget],
+    ) -> Result<(), SkillError> {
+        self.with(|script| {
+            script.acts += 1;
+            script.terrain = state.terrain_m.to_vec();
+            if script.fails {
+                return Err(SkillError::new(ErrorCode::Panic, "act panicked: out of cheese"));
+            }
+            for (target, position) in joints.iter_mut().zip(state.joint_position_rad.iter()) {
+                *target = JointTarget {
+                    position_rad: *position,
+                    stiffness_nm_per_rad: 77.0,
+                    damping_nms_per_rad: 3.0,
+                    feed_forward_nm: 0.0,
+                };
+            }
+            if let Some(spoil) = script.act {
+                spoil(joints);
+            }
+            Ok(())
+        })
+    }
+}
+
+impl Predict for Fake {
+    fn predict(&mut self, _: &Field) -> (Prediction, Option<String>) {
+        let (viability, cot) = self.with(|script| script.prediction.unwrap());
+        (Prediction { viability, cot }, None)
+    }
+}
+
+fn fake(viability: f32, cot: f32) -> Fake {
+    let fake = Fake::default();
+    fake.with(|script| script.prediction = Some((viability, cot)));
+    fake
+}
+
+fn skill(name: &str, fake: &Fake) -> Skill {
+    let patch = TerrainPatch { back_m: 0.2, front_m: 0.4, half_width_m: 0.1, resolution_m: 0.1 };
+    Skill {
+        rule: Rule {
+            name: name.into(),
+            viability_threshold: 0.95,
+            command: CommandRange {
+                kind: CommandKind::Velocity,
+                forward_m_per_s: [0.4, 0.7],
+                target_distance_m: None,
+            },
+        },
+        needs: Needs { terrain: ROption::RSome(patch), foot_contacts: true, joint_torques: false },
+        controller: Box::new(fake.clone()),
+        predictors: Box::new(fake.clone()),
+    }
+}
+
+/// A loop of 50 Hz with its skills and its time.
+struct Loop {
+    runtime: Runtime,
+    observation: Observation,
+}
+
+impl Loop {
+    fn new(skills: Vec<Skill>) -> Self {
+        let config = RuntimeConfig {
+            rate_hz: 50.0,
+            max_age_s: 0.2,
+            windows: Windows { switch: 10, stop: 10, resume: 25 },
+        };
+        let robot = robot();
+        let position = robot.stand_position_rad();
+        let observation = Observation {
+            t_s: 0.0,
+            joint_velocity_rad_per_s: vec![0.0; position.len()],
+            joint_torque_nm: None,
+            foot_contact: Some(vec![true, false, false, true]),
+            base_linear_velocity: [0.0; 3],
+            base_angular_velocity: [0.0; 3],
+            projected_gravity: [0.0, 0.0, -1.0],
+            base_in_odom: None,
+            elevation: Some(ramp()),
+            command: FORWARD,
+            field_noise: None,
+            joint_position_rad: position,
+        };
+        Self { runtime: Runtime::from_skills(config, robot, skills), observation }
+    }
+
+    /// One tick with fresh terrain.
+    fn tick(&mut self) -> Decision {
+        let t_s = self.observation.t_s + 0.02;
+        self.observation.t_s = t_s;
+        if let Some(elevation) = &mut self.observation.elevation {
+            elevation.t_s = t_s;
+        }
+        self.runtime.tick(&self.observation).decision.clone()
+    }
+
+    /// The last of `ticks` ticks.
+    fn ticks(&mut self, ticks: usize) -> Decision {
+        (1..ticks).for_each(|_| drop(self.tick()));
+        self.tick()
+    }
+
+    /// The number of ticks until `active` drives.
+    fn until(&mut self, active: &str) -> usize {
+        (1..200).find(|_| self.tick().active == active).unwrap_or(usize::MAX)
+    }
+
+    fn stands_with_stand_gains(&self) -> bool {
+        self.runtime
+            .joints
+            .iter()
+            .all(|joint| joint.stiffness_nm_per_rad == robot().stand.stiffness_nm_per_rad)
+    }
+}
+
+/// Rising to the front and, less so, to the left.
+fn ramp() -> Elevation {
+    let mut elevation = Elevation {
+        t_s: 0.0,
+        resolution_m: 0.1,
+        back_m: 1.0,
+        front_m: 2.0,
+        half_width_m: 0.5,
+        height_m: Vec::new(),
+    };
+    for i in 0..31 {
+        for j in 0..11 {
+            elevation.height_m.push(0.02 * i as f32 - 0.005 * j as f32 - 0.55);
+        }
+    }
+    elevation
+}
+
+#[test]
+fn the_loop_starts_standing_and_walks_when_ten_ticks_agree() {
+    let walk = fake(0.99, 0.2);
+    let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &fake(0.99, 0.9))]);
+    let first = it.tick();
+    assert_eq!((first.active.as_str(), first.choice.as_str()), ("stand", "walk"));
+    assert_eq!(
+        first.reason,
+        "lowest cost of transport of 2 viable skills; 1 of 10 ticks in a row, stand goes on"
+    );
+    assert_eq!(it.until("walk"), 9);
+    assert_eq!(it.tick().reason, "lowest cost of transport of 2 viable skills");
+    assert_eq!(walk.with(|script| (script.resets, script.acts)), (1, 2));
+}
+
+#[test]
+fn a_skill_is_reset_each_time_it_becomes_active_and_only_then() {
+    let (walk, ascend) = (fake(0.99, 0.2), fake(0.99, 0.9));
+    let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &ascend)]);
+    it.until("walk");
+    ascend.with(|script| script.prediction = Some((0.99, 0.1)));
+    assert_eq!(it.until("ascend"), 10);
+    ascend.with(|script| script.prediction = Some((0.99, 0.9)));
+    assert_eq!(it.until("walk"), 10);
+    it.ticks(5);
+    assert_eq!((walk.with(|s| s.resets), ascend.with(|s| s.resets)), (2, 1));
+}
+
+#[test]
+fn a_skill_added_with_lower_cot_wins() {
+    let (walk, trot) = (fake(0.99, 0.2), fake(0.99, 0.15));
+    let mut it = Loop::new(vec![skill("walk", &walk), skill("trot", &trot)]);
+    assert_eq!(it.until("trot"), 10);
+}
+
+#[test]
+fn with_no_viable_skill_it_stops_through_the_window_and_leaves_after_the_resume_window() {
+    let walk = fake(0.99, 0.2);
+    let mut it = Loop::new(vec![skill("walk", &walk)]);
+    it.until("walk");
+    walk.with(|script| script.prediction = Some((0.5, 0.2)));
+    let unviable = it.tick();
+    assert_eq!((unviable.choice.as_str(), unviable.active.as_str()), ("stop", "walk"));
+    assert_eq!(it.until("stand"), 9);
+    walk.with(|script| script.prediction = Some((0.99, 0.2)));
+    assert!(it.tick().stopped);
+    assert_eq!(it.until("walk"), 24);
+}
+
+#[test]
+fn a_zero_command_stands_at_once() {
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+    it.until("walk");
+    it.observation.command = Command::velocity(0.0, 0.0, 0.0);
+    let decision = it.tick();
+    assert_eq!((decision.active.as_str(), decision.forced), ("stand", Some(Forced::ZeroCommand)));
+    assert!(!decision.stopped && it.stands_with_stand_gains());
+    it.observation.command = FORWARD;
+    assert_eq!(it.until("walk"), 10);
+}
+
+#[test]
+fn a_command_outside_the_range_stops_with_that_reason() {
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+    it.until("walk");
+    it.observation.command = Command::velocity(1.5, 0.0, 0.0);
+    let decision = it.tick();
+    assert_eq!(decision.skills[0].reason.to_string(), "forward command 1.5 m/s outside 0.4 to 0.7 m/s");
+    assert_eq!(it.until("stand"), 9);
+}
+
+#[test]
+fn a_failing_plugin_stands_within_the_tick_and_the_others_go_on() {
+    let (walk, ascend) = (fake(0.99, 0.2), fake(0.99, 0.9));
+    let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &ascend)]);
+    it.until("walk");
+    walk.with(|script| script.fails = true);
+    let decision = it.tick();
+    assert_eq!((decision.active.as_str(), decision.forced), ("stand", Some(Forced::Fault)));
+    assert_eq!(decision.events, ["skill walk is taken out of service: act: act panicked: out of cheese"]);
+    assert!(it.stands_with_stand_gains());
+    walk.with(|script| script.fails = false);
+    assert_eq!(it.until("ascend"), 25);
+    assert_eq!(it.tick().skills[0].reason, Reason::PluginFailed);
+}
+
+#[test]
+fn a_plugin_that_cannot_start_stands_within_the_tick() {
+    let walk = fake(0.99, 0.2);
+    walk.with(|script| script.reset_fails = true);
+    let mut it = Loop::new(vec![skill("walk", &walk)]);
+    let tenth = it.ticks(10);
+    assert_eq!(tenth.active, "stand");
+    assert_eq!(tenth.events, ["skill walk is taken out of service: reset: no start"]);
+}
+
+#[test]
+fn targets_that_are_not_finite_or_out_of_range_stand_within_the_tick() {
+    let spoilers: [(&str, fn(&mut [JointTarget])); 8] = [
+        ("RF_KFE: position_rad NaN", |joints| joints[5].position_rad = f32::NAN),
+        ("LF_HAA: position_rad inf", |joints| joints[0].position_rad = f32::INFINITY),
+        ("LF_HAA: position_rad 9", |joints| joints[0].position_rad = 9.0),
+        ("LH_HFE: stiffness_nm_per_rad -1", |joints| joints[7].stiffness_nm_per_rad = -1.0),
+        ("LH_HFE: stiffness_nm_per_rad 100000", |joints| joints[7].stiffness_nm_per_rad = 1e5),
+        ("LH_HFE: damping_nms_per_rad NaN", |joints| joints[7].damping_nms_per_rad = f32::NAN),
+        ("RH_KFE: feed_forward_nm 81", |joints| joints[11].feed_forward_nm = 81.0),
+        ("RH_KFE: position_rad NaN", |joints| {
+            joints[11] = JointTarget { position_rad: f32::NAN, ..joints[11] }
+        }),
+    ];
+    for (wanted, spoil) in spoilers {
+        let walk = fake(0.99, 0.2);
+        let mut it = Loop::new(vec![skill("walk", &walk)]);
+        it.until("walk");
+        walk.with(|script| script.act = Some(spoil));
+        let decision = it.tick();
+        assert_eq!(decision.active, "stand", "{wanted}");
+        assert!(decision.events[0].contains(wanted), "{wanted}: {}", decision.events[0]);
+        assert!(it.runtime.joints.iter().all(|joint| joint.position_rad.is_finite()), "{wanted}");
+    }
+}
+
+#[test]
+fn a_target_that_folds_feed_forward_torque_beyond_the_joints_range_is_taken() {
+    let walk = fake(0.99, 0.2);
+    walk.with(|script| script.act = Some(|joints| joints[2].position_rad -= 80.0 / 77.0));
+    let mut it = Loop::new(vec![skill("walk", &walk)]);
+    assert_eq!(it.until("walk"), 10);
+}
+
+#[test]
+fn terrain_that_is_missing_old_small_or_mostly_unknown_stops_at_once() {
+    let spoilers: [(&str, fn(&mut Observation)); 6] = [
+        ("found nothing", |o| o.elevation = None),
+        ("0.220 s old", |o| o.elevation.as_mut().unwrap().t_s = o.t_s - 0.22),
+        ("-0.500 s old", |o| o.elevation.as_mut().unwrap().t_s = o.t_s + 0.5),
+        ("NaN s old", |o| o.elevation.as_mut().unwrap().t_s = f64::NAN),
+        ("height_m is 0 heights", |o| o.elevation.as_mut().unwrap().height_m.clear()),
+        ("341 of 341 cells unknown", |o| o.elevation.as_mut().unwrap().height_m.fill(f32::NAN)),
+    ];
+    for (wanted, spoil) in spoilers {
+        let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+        it.until("walk");
+        it.observation.t_s += 0.02;
+        it.observation.elevation.as_mut().unwrap().t_s = it.observation.t_s;
+        spoil(&mut it.observation);
+        let decision = it.runtime.tick(&it.observation).decision.clone();
+        assert_eq!((decision.active.as_str(), decision.choice.as_str()), ("stand", "stop"), "{wanted}");
+        assert!(decision.events[0].contains(wanted), "{wanted}: {:?}", decision.events);
+        assert_eq!(decision.skills[0].reason, Reason::NoTerrain);
+        it.observation.elevation = Some(ramp());
+        assert_eq!(it.until("walk"), 25, "{wanted}: seen again, one resume window later");
+    }
+}
+
+#[test]
+fn terrain_as_old_as_allowed_is_still_looked_at() {
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+    it.until("walk");
+    it.observation.t_s += 0.2;
+    assert_eq!(it.runtime.tick(&it.observation).decision.active, "walk");
+}
+
+#[test]
+fn three_predictions_that_are_no_numbers_take_the_active_skill_out_and_stand() {
+    let walk = fake(0.99, 0.2);
+    let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &fake(0.99, 0.9))]);
+    it.until("walk");
+    walk.with(|script| script.prediction = Some((f32::NAN, 0.2)));
+    assert_eq!(it.tick().active, "walk");
+    assert_eq!(it.tick().active, "walk");
+    let third = it.tick();
+    assert_eq!((third.active.as_str(), third.forced), ("stand", Some(Forced::Fault)));
+    assert_eq!(it.until("ascend"), 25);
+}
+
+#[test]
+fn a_measurement_that_is_no_number_stands_at_once_and_names_the_joint() {
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+    it.until("walk");
+    it.observation.joint_velocity_rad_per_s[4] = f32::NAN;
+    let decision = it.tick();
+    assert_eq!(decision.active, "stand");
+    assert_eq!(decision.events, ["joint_velocity_rad_per_s.RF_HFE: found NaN, wanted a finite number"]);
+    assert!(it.stands_with_stand_gains());
+    it.observation.joint_velocity_rad_per_s[4] = 0.0;
+    assert_eq!(it.until("walk"), 25);
+}
+
+#[test]
+fn what_a_plugin_needs_and_the_source_leaves_out_is_the_sources_fault() {
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+    it.until("walk");
+    it.observation.foot_contact = None;
+    assert_eq!(
+        it.tick().events,
+        ["foot_contact: found nothing, wanted a value: a skill of this deployment needs it"]
+    );
+    assert_eq!(it.runtime.selector.out_of_service(0), None);
+}
+
+#[test]
+fn time_running_backwards_is_one_fault_and_the_loop_goes_on() {
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+    it.until("walk");
+    it.observation.t_s = 0.0;
+    let decision = it.tick();
+    assert!(decision.events[0].starts_with("t_s: found 0.02, wanted "), "{:?}", decision.events);
+    assert_eq!(decision.active, "stand");
+    assert_eq!(it.until("walk"), 25);
+}
+
+#[test]
+fn a_plugin_gets_the_terrain_patch_that_it_declared() {
+    let walk = fake(0.99, 0.2);
+    let mut it = Loop::new(vec![skill("walk", &walk)]);
+    it.until("walk");
+    let terrain = walk.with(|script| script.terrain.clone());
+    assert_eq!(terrain.len(), 7 * 3);
+    // Row 0 is 0.2 m behind (row 8 of the ramp), column 0 is 0.1 m to the left (column 4).
+    assert!((terrain[0] - (0.16 - 0.02 - 0.55)).abs() < 1e-6);
+    assert!((terrain[2] - (0.16 - 0.03 - 0.55)).abs() < 1e-6);
+    assert!((terrain[18] - (0.28 - 0.02 - 0.55)).abs() < 1e-6);
+}
+
+#[test]
+fn a_restarted_loop_decides_as_a_new_one_does() {
+    let walk = fake(0.99, 0.2);
+    let mut it = Loop::new(vec![skill("walk", &walk)]);
+    let first: Vec<_> = (0..30).map(|_| it.tick()).collect();
+    walk.with(|script| script.fails = true);
+    it.tick();
+    walk.with(|script| script.fails = false);
+    it.runtime.restart();
+    it.observation.t_s = 0.0;
+    for (tick, wanted) in first.iter().enumerate() {
+        assert_eq!(&it.tick(), wanted, "tick {tick}");
+    }
+}

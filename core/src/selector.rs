@@ -1,0 +1,349 @@
+//! Which skill should walk: the cheapest of those that are viable, or stop.
+//!
+//! Knows numbers only: predictions, thresholds and the command. It takes a skill out of service
+//! when its predictions cannot be used three times in a row; all else is judged anew each tick.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+use vocaloco_plugin_api::{Command, CommandKind};
+
+use crate::manifest::CommandRange;
+
+/// Unusable predictions in a row that take a skill out of service.
+pub const UNUSABLE_IN_A_ROW: u32 = 3;
+/// Slack on a declared command range, m/s: f32 commands against ranges written in decimals.
+const COMMAND_SLACK: f64 = 1e-5;
+/// Below this in every component a velocity command is zero, m/s and rad/s.
+const ZERO: f32 = 1e-3;
+
+/// What a skill's two predictors say; NaN where one failed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prediction {
+    /// Probability of getting ahead without a base collision, 0 to 1.
+    pub viability: f32,
+    /// Cost of transport.
+    pub cot: f32,
+}
+
+impl Prediction {
+    /// No prediction at all.
+    pub const NONE: Self = Self { viability: f32::NAN, cot: f32::NAN };
+
+    /// Whether both numbers can be used.
+    pub fn is_usable(&self) -> bool {
+        (0.0..=1.0).contains(&self.viability) && self.cot.is_finite()
+    }
+}
+
+/// What the selector knows of a skill.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rule {
+    /// Its name.
+    pub name: String,
+    /// Least predicted viability at which it may be chosen.
+    pub viability_threshold: f32,
+    /// Commands it takes.
+    pub command: CommandRange,
+}
+
+/// Why a skill is, or is not, viable this tick.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "code", rename_all = "snake_case")]
+pub enum Reason {
+    /// Predicted viability reaches its threshold.
+    Viable {
+        /// The threshold.
+        threshold: f32,
+    },
+    /// Predicted viability is below its threshold.
+    BelowThreshold {
+        /// The threshold.
+        threshold: f32,
+    },
+    /// Predicted cost of transport is zero or less, which no walking robot has.
+    CotNotPositive,
+    /// A prediction is not a finite number, or viability not within 0 to 1.
+    Unusable,
+    /// The forward command is outside its range.
+    CommandOutside {
+        /// The command, m/s.
+        found: f32,
+        /// Smallest it takes, m/s.
+        least: f32,
+        /// Greatest it takes, m/s.
+        greatest: f32,
+    },
+    /// The command is of the other kind.
+    CommandKind,
+    /// The terrain is not known, so nothing was predicted.
+    NoTerrain,
+    /// The measurement cannot be used, so nothing was predicted.
+    NoObservation,
+    /// Out of service: its predictions failed three times in a row.
+    PredictionsFailed,
+    /// Out of service: its plugin failed.
+    PluginFailed,
+}
+
+impl Reason {
+    /// Whether the skill will not be looked at again in this run.
+    pub const fn is_out_of_service(self) -> bool {
+        matches!(self, Self::PredictionsFailed | Self::PluginFailed)
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Viable { threshold } => write!(f, "viable: at or above {threshold}"),
+            Self::BelowThreshold { threshold } => write!(f, "viability below {threshold}"),
+            Self::CotNotPositive => f.write_str("predicted cost of transport is not positive"),
+            Self::Unusable => f.write_str("a prediction is not a usable number"),
+            Self::CommandOutside { found, least, greatest } => {
+                write!(f, "forward command {found} m/s outside {least} to {greatest} m/s")
+            }
+            Self::CommandKind => f.write_str("takes another kind of command"),
+            Self::NoTerrain => f.write_str("terrain unknown"),
+            Self::NoObservation => f.write_str("measurement unusable"),
+            Self::PredictionsFailed => f.write_str("out of service: three unusable predictions in a row"),
+            Self::PluginFailed => f.write_str("out of service: its plugin failed"),
+        }
+    }
+}
+
+/// The selector's answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Choice {
+    /// No skill is viable.
+    Stop,
+    /// This skill, by its place in the deployment.
+    Skill(usize),
+}
+
+/// Judges the skills of a deployment.
+#[derive(Clone, Debug)]
+pub struct Selector {
+    rules: Vec<Rule>,
+    unusable: Vec<u32>,
+    out_of_service: Vec<Option<Reason>>,
+}
+
+impl Selector {
+    /// A selector with every skill in service.
+    pub fn new(rules: Vec<Rule>) -> Self {
+        let count = rules.len();
+        Self { rules, unusable: vec![0; count], out_of_service: vec![None; count] }
+    }
+
+    /// The rules, in the deployment's order.
+    pub fn rules(&self) -> &[Rule] {
+        &self.rules
+    }
+
+    /// Why a skill is out of service; none while it serves.
+    pub fn out_of_service(&self, skill: usize) -> Option<Reason> {
+        self.out_of_service[skill]
+    }
+
+    /// Takes a skill out of service for good.
+    pub fn retire(&mut self, skill: usize, why: Reason) {
+        self.out_of_service[skill].get_or_insert(why);
+    }
+
+    /// Puts every skill back into service.
+    pub fn restart(&mut self) {
+        self.unusable.fill(0);
+        self.out_of_service.fill(None);
+    }
+
+    /// Judges every skill and chooses: of the viable ones the lowest cost of transport, of equal
+    /// ones the first. `reasons` gets one entry a skill.
+    ///
+    /// # Source
+    /// Wu et al. (2025), selection steps 3 and 4; commands, unusable predictions and costs that are
+    /// not positive are our own.
+    pub fn choose(
+        &mut self,
+        predictions: &[Prediction],
+        command: &Command,
+        reasons: &mut Vec<Reason>,
+    ) -> Choice {
+        reasons.clear();
+        let mut cheapest: Option<(usize, f32)> = None;
+        for (skill, prediction) in predictions.iter().enumerate().take(self.rules.len()) {
+            let reason = self.judge(skill, prediction, command);
+            reasons.push(reason);
+            let is_cheaper = cheapest.is_none_or(|(_, cot)| prediction.cot < cot);
+            if matches!(reason, Reason::Viable { .. }) && is_cheaper {
+                cheapest = Some((skill, prediction.cot));
+            }
+        }
+        cheapest.map_or(Choice::Stop, |(skill, _)| Choice::Skill(skill))
+    }
+
+    fn judge(&mut self, skill: usize, prediction: &Prediction, command: &Command) -> Reason {
+        if let Some(why) = self.out_of_service[skill] {
+            return why;
+        }
+        if !prediction.is_usable() {
+            self.unusable[skill] += 1;
+            if self.unusable[skill] >= UNUSABLE_IN_A_ROW {
+                self.retire(skill, Reason::PredictionsFailed);
+                return Reason::PredictionsFailed;
+            }
+            return Reason::Unusable;
+        }
+        self.unusable[skill] = 0;
+        let rule = &self.rules[skill];
+        if let Some(reason) = refusal(&rule.command, command) {
+            return reason;
+        }
+        let threshold = rule.viability_threshold;
+        if prediction.cot <= 0.0 {
+            Reason::CotNotPositive
+        } else if prediction.viability >= threshold {
+            Reason::Viable { threshold }
+        } else {
+            Reason::BelowThreshold { threshold }
+        }
+    }
+}
+
+/// Whether a command asks for no motion at all.
+pub fn is_zero(command: &Command) -> bool {
+    command.kind == CommandKind::Velocity && command.velocity.iter().all(|value| value.abs() < ZERO)
+}
+
+fn refusal(range: &CommandRange, command: &Command) -> Option<Reason> {
+    // A skill that goes to a target sets it itself, along the commanded velocity.
+    if command.kind != CommandKind::Velocity && range.kind != command.kind {
+        return Some(Reason::CommandKind);
+    }
+    let [least, greatest] = range.forward_m_per_s;
+    let found = command.velocity[0];
+    let forward = f64::from(found);
+    let open = range.kind == CommandKind::PositionTarget && greatest <= least;
+    let inside = forward >= least - COMMAND_SLACK && forward <= greatest + COMMAND_SLACK;
+    if inside || open {
+        return None;
+    }
+    Some(Reason::CommandOutside { found, least: least as f32, greatest: greatest as f32 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FORWARD: Command = Command::velocity(0.6, 0.0, 0.0);
+
+    fn rule(name: &str, viability_threshold: f32) -> Rule {
+        let command = CommandRange {
+            kind: CommandKind::Velocity,
+            forward_m_per_s: [0.4, 0.7],
+            target_distance_m: None,
+        };
+        Rule { name: name.into(), viability_threshold, command }
+    }
+
+    fn selector() -> Selector {
+        Selector::new(vec![rule("walk", 0.95), rule("ascend", 0.925), rule("descend", 0.925)])
+    }
+
+    fn choose(
+        selector: &mut Selector,
+        predictions: [(f32, f32); 3],
+        command: &Command,
+    ) -> (Choice, Vec<Reason>) {
+        let predictions = predictions.map(|(viability, cot)| Prediction { viability, cot });
+        let mut reasons = Vec::new();
+        let choice = selector.choose(&predictions, command, &mut reasons);
+        (choice, reasons)
+    }
+
+    #[test]
+    fn the_cheapest_viable_skill_wins() {
+        let (choice, _) = choose(&mut selector(), [(0.99, 0.2), (0.99, 0.9), (0.99, 0.5)], &FORWARD);
+        assert_eq!(choice, Choice::Skill(0));
+        let (choice, reasons) = choose(&mut selector(), [(0.94, 0.2), (0.99, 0.9), (0.93, 0.5)], &FORWARD);
+        assert_eq!(choice, Choice::Skill(2), "walk is cheaper but below its threshold");
+        assert_eq!(reasons[0], Reason::BelowThreshold { threshold: 0.95 });
+    }
+
+    #[test]
+    fn a_viability_at_its_threshold_is_viable_and_of_equal_costs_the_first_wins() {
+        let (choice, _) = choose(&mut selector(), [(0.95, 0.5), (0.925, 0.5), (0.99, 0.5)], &FORWARD);
+        assert_eq!(choice, Choice::Skill(0));
+    }
+
+    #[test]
+    fn with_no_viable_skill_it_stops() {
+        let (choice, _) = choose(&mut selector(), [(0.0, 0.2), (0.9, 0.9), (0.92, 0.5)], &FORWARD);
+        assert_eq!(choice, Choice::Stop);
+    }
+
+    #[test]
+    fn a_cost_that_is_not_positive_is_not_viable_but_stays_in_service() {
+        let mut selector = selector();
+        for _ in 0..10 {
+            let (choice, reasons) = choose(&mut selector, [(0.99, 0.0), (0.99, -0.1), (0.99, 0.5)], &FORWARD);
+            assert_eq!(choice, Choice::Skill(2));
+            assert_eq!(reasons[..2], [Reason::CotNotPositive; 2]);
+        }
+        assert_eq!(selector.out_of_service(0), None);
+    }
+
+    #[test]
+    fn three_unusable_predictions_in_a_row_take_a_skill_out_of_service() {
+        for bad in [(f32::NAN, 0.2), (0.99, f32::INFINITY), (1.01, 0.2), (-0.01, 0.2)] {
+            let mut selector = selector();
+            let mut tick = |walk| choose(&mut selector, [walk, (0.99, 0.9), (0.0, 0.5)], &FORWARD);
+            for _ in 0..2 {
+                assert_eq!(tick(bad), (Choice::Skill(1), tick_reasons(Reason::Unusable)));
+            }
+            assert_eq!(tick((0.99, 0.2)).0, Choice::Skill(0), "a usable one in between counts anew");
+            for _ in 0..2 {
+                tick(bad);
+            }
+            assert_eq!(tick(bad).1[0], Reason::PredictionsFailed);
+            assert_eq!(tick((0.99, 0.2)), (Choice::Skill(1), tick_reasons(Reason::PredictionsFailed)));
+        }
+    }
+
+    fn tick_reasons(walk: Reason) -> Vec<Reason> {
+        vec![walk, Reason::Viable { threshold: 0.925 }, Reason::BelowThreshold { threshold: 0.925 }]
+    }
+
+    #[test]
+    fn a_command_outside_the_declared_range_is_not_viable() {
+        let viable = [(0.99, 0.2), (0.99, 0.9), (0.99, 0.5)];
+        for (forward, inside) in [(0.39, false), (0.4, true), (0.7, true), (0.71, false), (-0.5, false)] {
+            let (choice, reasons) = choose(&mut selector(), viable, &Command::velocity(forward, 0.0, 0.0));
+            assert_eq!(choice != Choice::Stop, inside, "{forward} m/s: {reasons:?}");
+        }
+        let mut target = FORWARD;
+        target.kind = CommandKind::PositionTarget;
+        assert_eq!(choose(&mut selector(), viable, &target).1, [Reason::CommandKind; 3]);
+    }
+
+    #[test]
+    fn a_skill_added_with_lower_cost_wins_and_changes_no_other_verdict() {
+        let mut grown = selector();
+        let (_, before) = choose(&mut grown, [(0.99, 0.3), (0.99, 0.9), (0.1, 0.5)], &FORWARD);
+        let mut rules = grown.rules().to_vec();
+        rules.push(rule("trot", 0.95));
+        let mut grown = Selector::new(rules);
+        let predictions = [(0.99, 0.3), (0.99, 0.9), (0.1, 0.5), (0.99, 0.25)];
+        let predictions = predictions.map(|(viability, cot)| Prediction { viability, cot });
+        let mut reasons = Vec::new();
+        assert_eq!(grown.choose(&predictions, &FORWARD, &mut reasons), Choice::Skill(3));
+        assert_eq!(reasons[..3], before[..]);
+    }
+
+    #[test]
+    fn only_a_command_without_any_motion_is_zero() {
+        assert!(is_zero(&Command::velocity(0.0, -0.0, 0.0)));
+        assert!(!is_zero(&Command::velocity(0.0, 0.0, 0.2)));
+        assert!(!is_zero(&Command::velocity(-0.1, 0.0, 0.0)));
+    }
+}

@@ -1,0 +1,240 @@
+//! The sliding window between the selector's choices and the skill that walks.
+//!
+//! All of the window must agree before anything changes, which a run length expresses: the window
+//! agrees when the same choice came that many times in a row.
+
+use crate::selector::Choice;
+
+/// Lengths of the windows, ticks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Windows {
+    /// Choices that must agree before the robot switches.
+    pub switch: usize,
+    /// Choices that must agree before it stops, and ticks for which the active skill may be
+    /// unviable while the choices alternate.
+    pub stop: usize,
+    /// Choices that must agree before a stop is left.
+    pub resume: usize,
+}
+
+/// Who drives the joints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Active {
+    /// The core's own stand.
+    Stand,
+    /// This skill, by its place in the deployment.
+    Skill(usize),
+}
+
+/// The window and what it decided last.
+#[derive(Clone, Debug)]
+pub struct SwitchFilter {
+    windows: Windows,
+    active: Active,
+    stopped: bool,
+    last: Option<Choice>,
+    run: usize,
+    unviable: usize,
+}
+
+impl SwitchFilter {
+    /// A filter at the start of the loop, which stands.
+    pub const fn new(windows: Windows) -> Self {
+        Self { windows, active: Active::Stand, stopped: false, last: None, run: 0, unviable: 0 }
+    }
+
+    /// Who drives.
+    pub const fn active(&self) -> Active {
+        self.active
+    }
+
+    /// Whether it stands because of a stop, which one skill must win `resume` times to leave.
+    pub const fn is_stopped(&self) -> bool {
+        self.stopped
+    }
+
+    /// The windows.
+    pub const fn windows(&self) -> Windows {
+        self.windows
+    }
+
+    /// How often the latest choice came in a row, and how often it must before it takes effect.
+    pub const fn agreement(&self) -> (usize, usize) {
+        let wanted = match self.last {
+            Some(Choice::Stop) => self.windows.stop,
+            _ if self.stopped => self.windows.resume,
+            _ => self.windows.switch,
+        };
+        (self.run, wanted)
+    }
+
+    /// One tick: the selector's choice, and whether the active skill is viable.
+    ///
+    /// # Source
+    /// Wu et al. (2025), selection step 5. That an active skill unviable for the stop window stops
+    /// whatever the choices do, and the resume window, are our own.
+    pub fn step(&mut self, choice: Choice, active_is_viable: bool) -> Active {
+        self.run = if self.last == Some(choice) { self.run.saturating_add(1) } else { 1 };
+        self.last = Some(choice);
+        self.unviable = match self.active {
+            Active::Skill(_) if !active_is_viable => self.unviable + 1,
+            _ => 0,
+        };
+        let (run, wanted) = self.agreement();
+        match choice {
+            Choice::Stop if run >= wanted => self.stop(),
+            Choice::Skill(skill) if run >= wanted => {
+                if self.active != Active::Skill(skill) {
+                    self.unviable = 0;
+                }
+                self.active = Active::Skill(skill);
+                self.stopped = false;
+            }
+            _ if self.unviable >= self.windows.stop => self.stop(),
+            _ => {}
+        }
+        self.active
+    }
+
+    /// Stops now: a fault waits for no window. Counting starts anew.
+    pub const fn stop_now(&mut self) {
+        self.last = None;
+        self.run = 0;
+        self.stop();
+    }
+
+    /// Stands now because nothing is asked for. Choices count anew once something is.
+    pub const fn stand_now(&mut self) {
+        self.last = None;
+        self.run = 0;
+        self.unviable = 0;
+        self.active = Active::Stand;
+    }
+
+    const fn stop(&mut self) {
+        self.unviable = 0;
+        self.active = Active::Stand;
+        self.stopped = true;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WALK: Choice = Choice::Skill(0);
+    const ASCEND: Choice = Choice::Skill(1);
+    const DESCEND: Choice = Choice::Skill(2);
+
+    fn filter(stop: usize) -> SwitchFilter {
+        SwitchFilter::new(Windows { switch: 10, stop, resume: 25 })
+    }
+
+    /// Ticks of `choice` until the active one is `wanted`; at most 100.
+    fn ticks_until(filter: &mut SwitchFilter, choice: Choice, viable: bool, wanted: Active) -> usize {
+        (1..=100).find(|_| filter.step(choice, viable) == wanted).unwrap_or(usize::MAX)
+    }
+
+    fn walking(stop: usize) -> SwitchFilter {
+        let mut filter = filter(stop);
+        ticks_until(&mut filter, WALK, true, Active::Skill(0));
+        filter
+    }
+
+    #[test]
+    fn it_starts_standing_and_switches_when_ten_agree() {
+        let mut filter = filter(10);
+        assert_eq!(filter.active(), Active::Stand);
+        assert_eq!(ticks_until(&mut filter, WALK, true, Active::Skill(0)), 10);
+        assert_eq!(ticks_until(&mut filter, ASCEND, true, Active::Skill(1)), 10);
+    }
+
+    #[test]
+    fn one_dissenting_tick_starts_the_count_anew() {
+        let mut filter = walking(10);
+        for _ in 0..9 {
+            filter.step(ASCEND, true);
+        }
+        filter.step(WALK, true);
+        assert_eq!(ticks_until(&mut filter, ASCEND, true, Active::Skill(1)), 10);
+    }
+
+    #[test]
+    fn a_stop_goes_through_its_own_window() {
+        assert_eq!(ticks_until(&mut walking(10), Choice::Stop, false, Active::Stand), 10);
+        assert_eq!(ticks_until(&mut walking(4), Choice::Stop, false, Active::Stand), 4);
+        assert_eq!(ticks_until(&mut walking(1), Choice::Stop, false, Active::Stand), 1, "1 stops at once");
+    }
+
+    #[test]
+    fn a_stop_is_left_when_one_skill_has_won_the_resume_window() {
+        let mut filter = walking(10);
+        ticks_until(&mut filter, Choice::Stop, false, Active::Stand);
+        assert!(filter.is_stopped());
+        for _ in 0..24 {
+            assert_eq!(filter.step(WALK, true), Active::Stand);
+        }
+        for _ in 0..24 {
+            assert_eq!(filter.step(ASCEND, true), Active::Stand, "another skill counts anew");
+        }
+        assert_eq!(filter.step(ASCEND, true), Active::Skill(1));
+        assert!(!filter.is_stopped());
+        assert_eq!(ticks_until(&mut filter, WALK, true, Active::Skill(0)), 10, "the usual window again");
+    }
+
+    #[test]
+    fn alternating_winners_still_stop() {
+        let mut filter = walking(10);
+        for tick in 1..10 {
+            let choice = if tick % 2 == 0 { ASCEND } else { DESCEND };
+            assert_eq!(filter.step(choice, false), Active::Skill(0), "tick {tick}");
+        }
+        assert_eq!(filter.step(ASCEND, false), Active::Stand);
+        assert!(filter.is_stopped());
+    }
+
+    #[test]
+    fn alternating_winners_leave_a_viable_skill_alone() {
+        let mut filter = walking(10);
+        for tick in 0..100 {
+            let choice = if tick % 2 == 0 { ASCEND } else { DESCEND };
+            assert_eq!(filter.step(choice, true), Active::Skill(0));
+        }
+    }
+
+    #[test]
+    fn an_active_skill_that_is_viable_now_and_then_does_not_stop() {
+        let mut filter = walking(10);
+        for tick in 0..100 {
+            let choice = if tick % 2 == 0 { ASCEND } else { DESCEND };
+            assert_eq!(filter.step(choice, tick % 9 == 0), Active::Skill(0));
+        }
+    }
+
+    #[test]
+    fn a_new_skill_is_not_blamed_for_the_old_ones_unviable_ticks() {
+        let mut filter = SwitchFilter::new(Windows { switch: 10, stop: 15, resume: 25 });
+        ticks_until(&mut filter, WALK, true, Active::Skill(0));
+        assert_eq!(ticks_until(&mut filter, ASCEND, false, Active::Skill(1)), 10);
+        for _ in 0..14 {
+            assert_eq!(filter.step(ASCEND, false), Active::Skill(1));
+        }
+    }
+
+    #[test]
+    fn a_fault_stops_at_once_and_the_resume_window_counts_from_there() {
+        let mut filter = walking(10);
+        filter.stop_now();
+        assert_eq!(filter.active(), Active::Stand);
+        assert_eq!(ticks_until(&mut filter, WALK, true, Active::Skill(0)), 25);
+    }
+
+    #[test]
+    fn a_zero_command_stands_at_once_and_is_left_by_the_switch_window() {
+        let mut filter = walking(10);
+        filter.stand_now();
+        assert_eq!(filter.active(), Active::Stand);
+        assert!(!filter.is_stopped());
+        assert_eq!(ticks_until(&mut filter, WALK, true, Active::Skill(0)), 10);
+    }
+}
