@@ -72,7 +72,8 @@ mod tests {
         let (force, moment) = (Vector3::new(20.0, -10.0, 500.0), Vector3::new(5.0, -15.0, 3.0));
         let forces = distribute(&FEET, &force, &moment);
         let sum: Vector3<f64> = forces.iter().sum();
-        let about: Vector3<f64> = FEET.iter().zip(&forces).map(|((point, _), force)| point.cross(force)).sum();
+        let about: Vector3<f64> =
+            FEET.iter().zip(&forces).map(|((point, _), force)| point.cross(force)).sum();
         assert!((sum - force).norm() < 0.02 * force.norm(), "{sum}");
         assert!((about - moment).norm() < 0.15 * moment.norm(), "{about}");
     }

@@ -96,7 +96,8 @@ mod tests {
     fn flat_ground_keeps_the_nominal_foothold() {
         let heights = stairs(9.0, 0.0);
         let ground = Ground::new(&heights, 0.0).unwrap();
-        assert_eq!(choose(&ground, &Parameters::default(), [0.4, 0.2], None), [0.4, 0.2]);
+        let [x, y] = choose(&ground, &Parameters::default(), [0.4, 0.2], None);
+        assert!((x - 0.4).abs() < 1e-9 && (y - 0.2).abs() < 1e-9, "{x} {y}");
     }
 
     #[test]

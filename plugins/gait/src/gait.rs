@@ -1,22 +1,24 @@
 //! The gait itself: phase, legs that stand, legs that swing, one tick at a time.
 
+use nalgebra::{Vector2, Vector3};
 use vocaloco_plugin_api::abi::abi_stable::std_types::{ROption::RSome, RVec};
-use nalgebra::{Rotation3, Vector2, Vector3};
 use vocaloco_plugin_api::{
-    Command, CommandKind, Description, ErrorCode, JointTarget, Needs, Range, RobotDescription, RobotState, Skill,
-    SkillError,
+    Command, CommandKind, Description, ErrorCode, JointTarget, Needs, Range, RobotDescription, RobotState,
+    Skill, SkillError,
 };
 
 use crate::{
-    balance, foothold,
-    ground::{Ground, Line, PATCH},
+    balance,
+    body::{Body, Estimate, attitude},
+    foothold,
+    ground::{Ground, PATCH},
     kinematics::{FootPose, Leg},
     parameters::Parameters,
     swing::Swing,
 };
 
 const RATE_HZ: f64 = 50.0;
-const TICK_S: f64 = 1.0 / RATE_HZ;
+pub(crate) const TICK_S: f64 = 1.0 / RATE_HZ;
 const GRAVITY_M_PER_S2: f64 = 9.81;
 /// Rotational inertia of a quadruped per its mass, m², about x, y and z.
 const GYRATION_M2: [f64; 3] = [0.05, 0.11, 0.13];
@@ -52,26 +54,6 @@ pub struct Gait {
     aimed: Vector3<f64>,
     estimate: Estimate,
     states: [LegState; 4],
-}
-
-/// What is remembered of the body between ticks.
-#[derive(Clone, Copy, Debug, Default)]
-struct Estimate {
-    roll: f64,
-    pitch: f64,
-    velocity_in_base: Vector3<f64>,
-}
-
-/// What is known of the body this tick.
-struct Body {
-    /// Yaw-aligned frame from base frame.
-    rotation: Rotation3<f64>,
-    roll: f64,
-    pitch: f64,
-    /// Yaw-aligned frame.
-    velocity: Vector3<f64>,
-    rates: Vector3<f64>,
-    line: Line,
 }
 
 impl Skill for Gait {
@@ -114,8 +96,7 @@ impl Skill for Gait {
         let velocity = state.base_linear_velocity_m_per_s;
         self.aimed = Vector3::new(f64::from(velocity[0]).max(0.0), 0.0, 0.0);
         self.phase = self.phase_of(state);
-        let (roll, pitch) = measured_attitude(state);
-        self.estimate = Estimate { roll, pitch, velocity_in_base: velocity.map(f64::from).into() };
+        self.estimate = Estimate::of(state);
         for index in 0..4 {
             let leg = &self.legs[index];
             self.states[index] = LegState {
@@ -138,15 +119,21 @@ impl Skill for Gait {
             return Err(SkillError::new(ErrorCode::Input, "command: wanted a finite velocity"));
         }
         let feet: [FootPose; 4] = std::array::from_fn(|index| {
-            self.legs[index].pose(&self.legs[index].joints.map(|joint| f64::from(state.joint_position_rad[joint])).into())
+            self.legs[index]
+                .pose(&self.legs[index].joints.map(|joint| f64::from(state.joint_position_rad[joint])).into())
         });
         let lowest = feet.iter().map(|foot| foot.position.z).fold(f64::INFINITY, f64::min);
         let ground = Ground::new(state.terrain_m.as_slice(), lowest).ok_or_else(|| {
-            SkillError::new(ErrorCode::Input, format!(
-                "terrain: found {} heights, wanted {}", state.terrain_m.len(), PATCH.rows() * PATCH.columns(),
-            ))
+            SkillError::new(
+                ErrorCode::Input,
+                format!(
+                    "terrain: found {} heights, wanted {}",
+                    state.terrain_m.len(),
+                    PATCH.rows() * PATCH.columns(),
+                ),
+            )
         })?;
-        let body = self.body(state, &ground);
+        let body = self.estimate.update(state, &ground, &self.parameters);
         self.aim(command);
         for leg in &mut self.states {
             leg.follow(&body);
@@ -201,50 +188,26 @@ impl Gait {
         Ok(())
     }
 
-    /// Diagonal pairs share a phase.
-    fn offset(&self, leg: usize) -> f64 {
+    /// Diagonal pairs share a phase; the first pair is the one with the left fore leg.
+    fn in_first_pair(&self, leg: usize) -> bool {
         let hip = self.legs[leg].hip();
-        if hip.x * hip.y > 0.0 { 0.0 } else { 0.5 }
+        hip.x * hip.y > 0.0
     }
 
     fn leg_phase(&self, leg: usize) -> f64 {
-        fraction(self.phase + self.offset(leg))
+        fraction(self.phase + if self.in_first_pair(leg) { 0.0 } else { 0.5 })
     }
 
     /// The phase that fits the feet as they are: a pair in the air goes on swinging.
     fn phase_of(&self, state: &RobotState<'_>) -> f64 {
-        let airborne = |offset: f64| {
-            (0..4).filter(|&leg| self.offset(leg) == offset).all(|leg| state.foot_contact[leg] == 0)
+        let airborne = |first: bool| {
+            (0..4).filter(|&leg| self.in_first_pair(leg) == first).all(|leg| state.foot_contact[leg] == 0)
         };
         let mid_swing = 0.5 * (1.0 + self.parameters.duty);
-        match (airborne(0.0), airborne(0.5)) {
+        match (airborne(true), airborne(false)) {
             (true, false) => mid_swing,
             (false, true) => fraction(mid_swing + 0.5),
             _ => self.parameters.initial_phase,
-        }
-    }
-
-    /// The body as filtered from noisy measurements: attitude by integrating the rates and leaning
-    /// towards gravity, velocity by an exponential average.
-    fn body(&mut self, state: &RobotState<'_>, ground: &Ground<'_>) -> Body {
-        let p = &self.parameters;
-        let (roll, pitch) = measured_attitude(state);
-        let rates_in_base = Vector3::from(state.base_angular_velocity_rad_per_s.map(f64::from));
-        let estimate = &mut self.estimate;
-        let turned = attitude(estimate.roll, estimate.pitch) * rates_in_base;
-        let predicted = (estimate.roll + turned.x * TICK_S, estimate.pitch + turned.y * TICK_S);
-        estimate.roll = predicted.0 + p.attitude_trust * (roll - predicted.0);
-        estimate.pitch = predicted.1 + p.attitude_trust * (pitch - predicted.1);
-        let rotation = attitude(estimate.roll, estimate.pitch);
-        let measured = Vector3::from(state.base_linear_velocity_m_per_s.map(f64::from));
-        estimate.velocity_in_base += p.velocity_trust * (measured - estimate.velocity_in_base);
-        Body {
-            rotation,
-            roll: estimate.roll,
-            pitch: estimate.pitch,
-            velocity: rotation * estimate.velocity_in_base,
-            rates: rotation * rates_in_base,
-            line: ground.line(p.fit_ahead_m, p.fit_half_length_m),
         }
     }
 
@@ -256,15 +219,6 @@ impl Gait {
         );
         let step = self.parameters.acceleration_m_per_s2 * TICK_S;
         self.aimed += (wanted - self.aimed).map(|difference| difference.clamp(-step, step));
-    }
-
-    fn wanted_pitch(&self, body: &Body) -> f64 {
-        // Nose up is negative pitch (REP-103).
-        -self.parameters.pitch_follow * libm::atan(body.line.slope)
-    }
-
-    fn height_error(&self, body: &Body) -> f64 {
-        (self.parameters.base_height_m + body.line.height_m).clamp(-0.15, 0.15)
     }
 
     /// Moves every leg on between standing and swinging; the share of load that each foot takes.
@@ -316,12 +270,13 @@ impl Gait {
                 bounded(p.sideways_gain * (self.aimed.y - body.velocity.y)),
                 p.weight_share * GRAVITY_M_PER_S2
                     + bounded(
-                        p.height_gain * self.height_error(body) + p.height_rate_gain * (climb - body.velocity.z),
+                        p.height_gain * body.height_error_m(p)
+                            + p.height_rate_gain * (climb - body.velocity.z),
                     ),
             );
         let turning = Vector3::new(
             -p.roll_gain * body.roll - p.roll_rate_gain * body.rates.x,
-            p.pitch_gain * (self.wanted_pitch(body) - body.pitch) - p.pitch_rate_gain * body.rates.y,
+            p.pitch_gain * (body.wanted_pitch_rad(p) - body.pitch) - p.pitch_rate_gain * body.rates.y,
             p.yaw_rate_gain * (f64::from(command.velocity[2]) - body.rates.z),
         );
         // The base origin is the base's own centre of mass.
@@ -348,10 +303,10 @@ impl Gait {
         let moved = Vector3::new(
             place.x - self.aimed.x * ahead_s + turn * place.y,
             place.y - self.aimed.y * ahead_s - turn * place.x,
-            place.z - climb * ahead_s - p.height_share * self.height_error(body),
+            place.z - climb * ahead_s - p.height_share * body.height_error_m(p),
         );
         let roll = body.roll * (1.0 - p.attitude_share);
-        let pitch = body.pitch + p.attitude_share * (self.wanted_pitch(body) - body.pitch);
+        let pitch = body.pitch + p.attitude_share * (body.wanted_pitch_rad(p) - body.pitch);
         attitude(roll, pitch).inverse() * moved
     }
 
@@ -368,9 +323,7 @@ impl Gait {
         let state = &self.states[index];
         let chosen = match state.foothold {
             Some(kept) if share > 0.7 => kept,
-            previous => {
-                Vector2::from(foothold::choose(ground, p, nominal.into(), previous.map(Into::into)))
-            }
+            previous => Vector2::from(foothold::choose(ground, p, nominal.into(), previous.map(Into::into))),
         };
         let to = Vector3::new(chosen.x, chosen.y, ground.height_m(chosen.x, chosen.y) + radius);
         let from = state.lifted_at;
@@ -389,7 +342,8 @@ impl Gait {
         let leg = &self.legs[index];
         let hip = leg.hip();
         let outward = hip.y.signum();
-        let below = body.rotation * (hip + Vector3::new(0.0, leg.lateral_m() + outward * p.width_offset_m, 0.0));
+        let below =
+            body.rotation * (hip + Vector3::new(0.0, leg.lateral_m() + outward * p.width_offset_m, 0.0));
         let expected = p.velocity_follow * body.velocity + (1.0 - p.velocity_follow) * self.aimed;
         let stance_s = p.duty * p.period_s;
         let offset = if hip.x > 0.0 { p.fore_offset_m } else { p.hind_offset_m };
@@ -441,24 +395,6 @@ impl Gait {
             };
         }
     }
-}
-
-/// Roll and pitch, rad, from the direction of gravity.
-fn measured_attitude(state: &RobotState<'_>) -> (f64, f64) {
-    let gravity = state.projected_gravity.map(f64::from);
-    (libm::atan2(-gravity[1], -gravity[2]), libm::asin(gravity[0].clamp(-1.0, 1.0)))
-}
-
-/// Yaw-aligned frame from base frame.
-fn attitude(roll: f64, pitch: f64) -> Rotation3<f64> {
-    let (sr, cr, sp, cp) = (libm::sin(roll), libm::cos(roll), libm::sin(pitch), libm::cos(pitch));
-    #[rustfmt::skip]
-    let matrix = nalgebra::Matrix3::new(
-        cp, sp * sr, sp * cr,
-        0.0, cr, -sr,
-        -sp, cp * sr, cp * cr,
-    );
-    Rotation3::from_matrix_unchecked(matrix)
 }
 
 fn fraction(value: f64) -> f64 {

@@ -35,7 +35,8 @@ impl<'a> Ground<'a> {
     /// Height of the grid point nearest to (`x`, `y`).
     pub(crate) fn height_m(&self, x: f64, y: f64) -> f64 {
         let row = ((x + PATCH.back_m) / PATCH.resolution_m).round().clamp(0.0, (self.rows - 1) as f64);
-        let column = ((PATCH.half_width_m - y) / PATCH.resolution_m).round().clamp(0.0, (self.columns - 1) as f64);
+        let column =
+            ((PATCH.half_width_m - y) / PATCH.resolution_m).round().clamp(0.0, (self.columns - 1) as f64);
         let height = f64::from(self.heights[row as usize * self.columns + column as usize]);
         if height.is_finite() { height } else { self.fallback_m }
     }

@@ -42,7 +42,7 @@ pub(crate) struct FootPose {
     pub(crate) jacobian: Matrix3<f64>,
     /// Mass of the leg, kg, times its centre of mass, m.
     pub(crate) mass_moment: Vector3<f64>,
-    /// ∂(mass_moment)/∂q.
+    /// ∂(mass moment)/∂q.
     pub(crate) mass_jacobian: Matrix3<f64>,
 }
 
@@ -52,40 +52,50 @@ impl Leg {
     /// # Errors
     /// When a foot does not hang on exactly three joints.
     pub(crate) fn of(robot: &RobotDescription) -> Result<Vec<Self>, SkillError> {
-        robot.feet.iter().map(|foot| {
-            let mut chain = Vec::new();
-            let mut next = i32::try_from(foot.joint).unwrap_or(-1);
-            while let Some(joint) = usize::try_from(next).ok().and_then(|index| robot.joints.get(index)) {
-                chain.insert(0, next as usize);
-                next = joint.parent;
-            }
-            let joints: [usize; 3] = chain.try_into().map_err(|chain: Vec<usize>| {
-                SkillError::new(ErrorCode::Robot, format!(
-                    "robot {}: foot {}: found {} joints to the base, wanted 3", robot.name, foot.name, chain.len(),
-                ))
-            })?;
-            let segments = joints.map(|index| {
-                let joint = &robot.joints[index];
-                Segment {
-                    origin: joint.origin_in_parent_m.into(),
-                    axis: Unit::new_normalize(joint.axis.into()),
-                    lower: joint.lower_rad,
-                    upper: joint.upper_rad,
-                    mass_kg: joint.mass_kg,
-                    com: joint.com_in_link_m.into(),
+        robot
+            .feet
+            .iter()
+            .map(|foot| {
+                let mut chain = Vec::new();
+                let mut next = i32::try_from(foot.joint).unwrap_or(-1);
+                while let Some(joint) = usize::try_from(next).ok().and_then(|index| robot.joints.get(index)) {
+                    chain.insert(0, next as usize);
+                    next = joint.parent;
                 }
-            });
-            let foot_in_link = Vector3::from(foot.centre_in_link_m);
-            Ok(Self {
-                joints,
-                // Hip to knee and knee to foot, both in the plane of the leg.
-                reach_m: STRAIGHTEST * (segments[2].origin.xz().norm() + foot_in_link.xz().norm()),
-                stand: joints.map(|index| robot.joints[index].stand_rad).into(),
-                segments,
-                foot: foot_in_link,
-                foot_radius_m: foot.radius_m,
+                let joints: [usize; 3] = chain.try_into().map_err(|chain: Vec<usize>| {
+                    SkillError::new(
+                        ErrorCode::Robot,
+                        format!(
+                            "robot {}: foot {}: found {} joints to the base, wanted 3",
+                            robot.name,
+                            foot.name,
+                            chain.len(),
+                        ),
+                    )
+                })?;
+                let segments = joints.map(|index| {
+                    let joint = &robot.joints[index];
+                    Segment {
+                        origin: joint.origin_in_parent_m.into(),
+                        axis: Unit::new_normalize(joint.axis.into()),
+                        lower: joint.lower_rad,
+                        upper: joint.upper_rad,
+                        mass_kg: joint.mass_kg,
+                        com: joint.com_in_link_m.into(),
+                    }
+                });
+                let foot_in_link = Vector3::from(foot.centre_in_link_m);
+                Ok(Self {
+                    joints,
+                    // Hip to knee and knee to foot, both in the plane of the leg.
+                    reach_m: STRAIGHTEST * (segments[2].origin.xz().norm() + foot_in_link.xz().norm()),
+                    stand: joints.map(|index| robot.joints[index].stand_rad).into(),
+                    segments,
+                    foot: foot_in_link,
+                    foot_radius_m: foot.radius_m,
+                })
             })
-        }).collect()
+            .collect()
     }
 
     /// Mass of the leg, kg.
@@ -125,8 +135,8 @@ impl Leg {
             jacobian.set_column(joint, &axes[joint].cross(&(position - origins[joint])));
             mass_moment += self.segments[joint].mass_kg * coms[joint];
             let mut column = Vector3::zeros();
-            for link in joint..3 {
-                column += self.segments[link].mass_kg * axes[joint].cross(&(coms[link] - origins[joint]));
+            for (segment, com) in self.segments.iter().zip(&coms).skip(joint) {
+                column += segment.mass_kg * axes[joint].cross(&(com - origins[joint]));
             }
             mass_jacobian.set_column(joint, &column);
         }

@@ -6,6 +6,7 @@
 //! late or slipping foot never winds up an error.
 
 mod balance;
+mod body;
 mod foothold;
 mod gait;
 mod ground;

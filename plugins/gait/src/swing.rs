@@ -19,7 +19,8 @@ impl Swing {
     /// Position at `share` 0 to 1 of the swing. Past 1 it stays at the end, `press_m` below `to`.
     pub(crate) fn at(&self, share: f64, parameters: &Parameters) -> Vector3<f64> {
         let apex = self.highest_m.max(self.from.z).max(self.to.z) + parameters.clearance_m;
-        let travelled = smooth((share - parameters.travel_start) / (parameters.travel_end - parameters.travel_start));
+        let travelled =
+            smooth((share - parameters.travel_start) / (parameters.travel_end - parameters.travel_start));
         let lowering = 1.0 - parameters.lower_share;
         let z = if share < lowering {
             self.from.z + (apex - self.from.z) * smooth(share / parameters.lift_share)
