@@ -1,5 +1,6 @@
-//! `cargo demo` and its like for developers: builds the plugins and `vocaloco` itself, then runs
-//! `vocaloco` with the same arguments and ends as it ends.
+//! `cargo demo` and `cargo vocaloco` for developers: builds the plugins and `vocaloco` itself (and
+//! `vocaloco-train` for the verbs it serves), then runs `vocaloco` with the same arguments and ends as
+//! it ends.
 
 use std::process::{Command, ExitCode};
 
@@ -14,7 +15,9 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<ExitCode, Box<dyn std::error::Error>> {
-    let folder = vocaloco_dev::build_plugins(&["plugins"], &["vocaloco"])?;
+    let learns = std::env::args_os().nth(1).is_some_and(|verb| verb == "train" || verb == "train-policy");
+    let programs: &[&str] = if learns { &["vocaloco", "vocaloco-train"] } else { &["vocaloco"] };
+    let folder = vocaloco_dev::build_plugins(&["plugins"], programs)?;
     let program = folder.join(format!("vocaloco{}", std::env::consts::EXE_SUFFIX));
     let status = Command::new(program).args(std::env::args_os().skip(1)).status()?;
     // Without a code it was killed by a signal: it did not get to run to its end.

@@ -1,0 +1,68 @@
+//! What the documents tell a reader to type is accepted, what they show is shipped, and nothing waits
+//! to be filled in.
+
+use std::fs;
+use std::process::Command;
+
+use vocaloco_tests::repository;
+
+const DOCUMENTS: [&str; 3] = ["README.md", "docs/reproduce.md", "docs/method.md"];
+
+/// Lines of the code blocks of one language.
+fn blocks(text: &str, language: &str) -> Vec<String> {
+    let opening = format!("{language}\n");
+    let inside = text.split("```").skip(1).step_by(2);
+    inside.filter_map(|block| block.strip_prefix(opening.as_str())).map(str::to_owned).collect()
+}
+
+/// Whether `vocaloco` takes these arguments: asked for help after them, it complains about them first.
+fn is_accepted(arguments: &[&str]) -> Result<(), String> {
+    let folder = vocaloco_dev::build_plugins(&[], &["vocaloco", "vocaloco-train"]).expect("vocaloco builds");
+    let mut command = Command::new(folder.join("vocaloco"));
+    let output = command.args(arguments).arg("--help").current_dir(repository()).output().expect("it starts");
+    let narration = String::from_utf8_lossy(&output.stderr).into_owned();
+    if output.status.success() { Ok(()) } else { Err(narration) }
+}
+
+#[test]
+fn every_command_line_is_accepted() {
+    let mut count = 0;
+    for document in DOCUMENTS {
+        let text = fs::read_to_string(repository().join(document)).expect(document);
+        for line in blocks(&text, "sh").iter().flat_map(|block| block.lines()) {
+            let typed = line.split('#').next().unwrap_or_default();
+            let words: Vec<&str> = typed.split_whitespace().collect();
+            let arguments = match words.as_slice() {
+                [] => continue,
+                ["cargo", "vocaloco", arguments @ ..] => arguments.to_vec(),
+                ["cargo", "demo", arguments @ ..] => [&["demo"], arguments].concat(),
+                ["cargo", "test"] => continue,
+                _ => panic!("{document}: {line:?} is no command that this test knows"),
+            };
+            is_accepted(&arguments).unwrap_or_else(|error| panic!("{document}: {line}\n{error}"));
+            count += 1;
+        }
+    }
+    assert!(count >= 10, "only {count} command lines found");
+    // The look itself works: what is wrong is complained about, in either program.
+    for wrong in [&["demo", "--no-such-flag"][..], &["train", "--no-such-flag"], &["no-such-verb"]] {
+        assert!(is_accepted(wrong).is_err(), "{wrong:?}");
+    }
+}
+
+#[test]
+fn the_manifest_shown_is_the_one_shipped() {
+    let readme = fs::read_to_string(repository().join("README.md")).expect("README.md");
+    let shown = blocks(&readme, "toml");
+    let shipped = repository().join("manifests/skills/ascend.toml");
+    assert_eq!(shown, [fs::read_to_string(shipped).expect("the manifest")]);
+}
+
+#[test]
+fn nothing_waits_to_be_filled_in() {
+    for document in DOCUMENTS {
+        let text = fs::read_to_string(repository().join(document)).expect(document);
+        let waiting: Vec<&str> = text.lines().filter(|line| line.contains(concat!("TO ", "FILL"))).collect();
+        assert!(waiting.is_empty(), "{document}: {waiting:#?}");
+    }
+}
