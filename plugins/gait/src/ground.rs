@@ -6,6 +6,9 @@ use vocaloco_plugin_api::TerrainPatch;
 pub(crate) const PATCH: TerrainPatch =
     TerrainPatch { back_m: 0.96, front_m: 1.08, half_width_m: 0.56, resolution_m: 0.04 };
 
+/// Half a cell at a time across the whole patch and back.
+const MOST_STEPS: f64 = 256.0;
+
 /// A line through the terrain under the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Line {
@@ -64,7 +67,8 @@ impl<'a> Ground<'a> {
     /// Highest ground on the straight way between two points.
     pub(crate) fn highest_between(&self, from: [f64; 2], to: [f64; 2]) -> f64 {
         let length = libm::hypot(to[0] - from[0], to[1] - from[1]);
-        let steps = (length / (0.5 * PATCH.resolution_m)).ceil().max(1.0);
+        // Bounded, so that a foot that is said to be a mile away costs no more than one at the edge.
+        let steps = (length / (0.5 * PATCH.resolution_m)).ceil().clamp(1.0, MOST_STEPS);
         let mut highest = f64::NEG_INFINITY;
         for step in 0..=steps as usize {
             let share = step as f64 / steps;
@@ -105,6 +109,15 @@ mod tests {
         let heights = patch(|x, _| 0.25 * x - 0.5);
         let line = Ground::new(&heights, 0.0).unwrap().line(0.1, 0.36);
         assert!((line.slope - 0.25).abs() < 1e-5 && (line.height_m + 0.5).abs() < 1e-5, "{line:?}");
+    }
+
+    #[test]
+    fn a_way_of_any_length_is_walked_in_bounded_time() {
+        let heights = patch(|_, _| -0.5);
+        let ground = Ground::new(&heights, 0.0).unwrap();
+        for far in [1e30, f64::INFINITY, f64::NAN] {
+            assert!((ground.highest_between([0.0, 0.0], [far, 0.0]) + 0.5).abs() < 1e-6);
+        }
     }
 
     #[test]
