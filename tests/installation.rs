@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 use vocaloco_core::installation::Installation;
 
+use crate::constant_model;
+
 /// A throw-away installation; its files vanish with it.
 pub struct Fixture {
     folder: TempDir,
@@ -77,10 +79,26 @@ impl Fixture {
         fs::write(path, bytes).expect("a written file");
     }
 
-    /// Adds a sound skill that runs `faulty` with the given parameters and has no predictors yet.
-    pub fn add_skill(&self, name: &str, parameters: &str) {
+    /// Adds a sound skill that runs `faulty` with the given parameters and whose predictors answer
+    /// the same everywhere.
+    pub fn add_skill(&self, name: &str, parameters: &str, viability: f32, cot: f32) {
         self.write(&format!("manifests/skills/{name}.toml"), FAULTY_SKILL.replace("NAME", name).as_bytes());
         self.write(&format!("skills/{name}/fault.txt"), parameters.as_bytes());
+        let models = [("viability", viability), ("cot", cot)];
+        for (quantity, value) in models {
+            let model = constant_model(quantity, value);
+            self.write(&format!("skills/{name}/{quantity}.onnx"), &model);
+        }
+    }
+
+    /// Replaces `from` by `to` in a file.
+    ///
+    /// # Panics
+    /// When `from` is not in it.
+    pub fn alter(&self, path: &str, from: &str, to: &str) {
+        let text = fs::read_to_string(self.root().join(path)).expect("a text file");
+        assert!(text.contains(from), "{from} is in {path}");
+        self.write(path, text.replacen(from, to, 1).as_bytes());
     }
 
     /// Adds a deployment of these skills on the shipped robot.

@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 mod installation;
+mod model;
 
 pub use installation::Fixture;
+pub use model::{constant_model, constant_model_of_shape};
 
 /// The folder with the libraries of all plugins, the shipped ones and those that misbehave for tests;
 /// built on the first call.

@@ -45,10 +45,11 @@ fn targets(skill: &mut TemplateSkill, ticks: usize) -> Vec<JointTarget> {
     for tick in 0..ticks {
         let wave = (tick % 7) as f32 * 0.01;
         let position_rad: Vec<f32> = (0..JOINTS).map(|joint| wave + 0.1 * joint as f32 - 0.5).collect();
+        let velocity = [wave; JOINTS];
         let state = RobotState {
             time_s: tick as f64 * 0.02,
             joint_position_rad: position_rad.as_slice().into(),
-            joint_velocity_rad_per_s: [wave; JOINTS][..].into(),
+            joint_velocity_rad_per_s: velocity.as_slice().into(),
             joint_torque_nm: [][..].into(),
             base_linear_velocity_m_per_s: [0.3, wave, 0.0],
             base_angular_velocity_rad_per_s: [0.0, wave, 0.1],

@@ -7,7 +7,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use abi_stable::library::{AbiHeaderRef, LibraryError, RootModule};
 use abi_stable::std_types::RStr;
-use abi_stable::type_layout::TypeLayout;
 use sha2::{Digest, Sha256};
 use vocaloco_plugin_api::abi::{LIBRARY_SYMBOL, SkillLibraryRef};
 use vocaloco_plugin_api::{Description, INTERFACE_VERSION, RobotDescription};
@@ -100,11 +99,9 @@ impl PluginLibrary {
                     format!("vocaloco-plugin-api {actual_version}")
                 }
                 LibraryError::AbiInstability(_) => {
-                    let (package, version) = header.layout().map_or_else(
-                        || ("an unknown package".into(), header.version_strings()),
-                        TypeLayout::package_and_version,
-                    );
-                    format!("types of {package} {version}, laid out otherwise than this host's")
+                    let module = header.root_mod_consts();
+                    let version = header.version_strings();
+                    format!("{} {version} with types laid out otherwise", module.name())
                 }
                 _ => "a library that fails to start".to_owned(),
             })

@@ -1,0 +1,222 @@
+//! Whatever is wrong with one skill of a deployment, it is refused with one line that names file,
+//! field, what was found and what would be right, and the others are loaded.
+
+use std::fs;
+
+use vocaloco_core::plugin::library_file_name;
+use vocaloco_core::registry::{LoadError, load_deployment};
+use vocaloco_tests::{Fixture, constant_model, constant_model_of_shape, plugin_folder};
+
+const MANIFEST: &str = "manifests/skills/bad.toml";
+
+/// Loads a deployment of `first`, `bad` and `last`, of which `spoil` spoils `bad`, and checks that
+/// only that one is refused, with a line that holds all of `parts`.
+fn refused(spoil: impl FnOnce(&mut Fixture), parts: &[&str]) {
+    let mut fixture = Fixture::new();
+    for skill in ["first", "bad", "last"] {
+        fixture.add_skill(skill, "none", 0.97, 0.3);
+    }
+    fixture.add_deployment("three", &["first", "bad", "last"]);
+    let sound = load_deployment(&fixture.installation(), "three").expect("sound");
+    assert!(sound.refused.is_empty() && sound.skills.len() == 3, "sound before it is spoiled");
+
+    spoil(&mut fixture);
+    let loaded = load_deployment(&fixture.installation(), "three").expect("two skills are left");
+    let names: Vec<&str> = loaded.skills.iter().map(|skill| skill.manifest.name.as_str()).collect();
+    assert_eq!(names, ["first", "last"]);
+    let [refusal] = loaded.refused.as_slice() else { panic!("one refusal, not {:?}", loaded.refused) };
+    assert_eq!(refusal.skill, "bad");
+    let line = refusal.to_string();
+    eprintln!("{line}");
+    assert!(!line.contains('\n') && line.len() < 500, "one readable line: {line}");
+    for part in ["found ", "wanted "].iter().chain(parts) {
+        assert!(line.contains(part), "{part:?} is not in: {line}");
+    }
+}
+
+#[test]
+fn a_missing_manifest() {
+    refused(|fixture| fs::remove_file(fixture.root().join(MANIFEST)).expect("removed"), &[MANIFEST]);
+}
+
+#[test]
+fn an_unknown_field() {
+    refused(
+        |fixture| fixture.alter(MANIFEST, "viability_threshold", "threshold"),
+        &[MANIFEST, "selection.threshold", "not known", "`viability_threshold`"],
+    );
+}
+
+#[test]
+fn another_schema() {
+    refused(|fixture| fixture.alter(MANIFEST, "schema = 1", "schema = 7"), &[MANIFEST, "schema", "7", "1"]);
+}
+
+#[test]
+fn a_nan_threshold() {
+    refused(
+        |fixture| fixture.alter(MANIFEST, "0.9", "nan"),
+        &[MANIFEST, "selection.viability_threshold", "NaN", "0 to 1"],
+    );
+}
+
+#[test]
+fn a_missing_plugin() {
+    refused(
+        |fixture| fixture.alter(MANIFEST, "\"faulty\"", "\"absent\""),
+        &[MANIFEST, "plugin", "\"absent\"", &library_file_name("absent"), &plugin_folder().to_string_lossy()],
+    );
+}
+
+#[test]
+fn a_truncated_plugin() {
+    let file = library_file_name("cut");
+    let spoil = |fixture: &mut Fixture| {
+        let bytes = fs::read(plugin_folder().join(library_file_name("faulty"))).expect("a built plugin");
+        fixture.write(&format!("plugins/{}", library_file_name("cut")), &bytes[..bytes.len() / 2]);
+        fixture.search_first("plugins");
+        fixture.alter(MANIFEST, "\"faulty\"", "\"cut\"");
+    };
+    refused(spoil, &[&file, "ELF", "the file is cut short"]);
+}
+
+#[test]
+fn a_file_that_is_no_library() {
+    let file = library_file_name("text");
+    let spoil = |fixture: &mut Fixture| {
+        fixture.write(&format!("plugins/{}", library_file_name("text")), b"not a library");
+        fixture.search_first("plugins");
+        fixture.alter(MANIFEST, "\"faulty\"", "\"text\"");
+    };
+    refused(spoil, &[&file, "begins with \"not a \"", "a shared library"]);
+}
+
+#[test]
+fn a_plugin_of_another_interface() {
+    let layout = library_file_name("foreign_layout");
+    refused(
+        |fixture| fixture.alter(MANIFEST, "\"faulty\"", "\"foreign_layout\""),
+        &[
+            &layout,
+            "interface",
+            "vocaloco_skill 0.1.0 with types laid out otherwise",
+            "vocaloco-plugin-api 0.1.0",
+        ],
+    );
+    let version = library_file_name("foreign_version");
+    refused(
+        |fixture| fixture.alter(MANIFEST, "\"faulty\"", "\"foreign_version\""),
+        &[&version, "interface", "skill interface 2", "skill interface 1"],
+    );
+}
+
+#[test]
+fn parameters_that_the_plugin_refuses() {
+    refused(
+        |fixture| fixture.write("skills/bad/fault.txt", b"explode 3"),
+        &["skills/bad/fault.txt", "parameters", "\"explode\"", "faulty"],
+    );
+}
+
+#[test]
+fn a_plugin_that_panics_when_created() {
+    refused(
+        |fixture| fixture.write("skills/bad/fault.txt", b"panic_in_create"),
+        &["skills/bad/fault.txt", "create panicked"],
+    );
+}
+
+#[test]
+fn missing_parameters() {
+    refused(
+        |fixture| fs::remove_file(fixture.root().join("skills/bad/fault.txt")).expect("removed"),
+        &[MANIFEST, "models.parameters", "fault.txt", "a readable text file"],
+    );
+}
+
+#[test]
+fn a_missing_model() {
+    refused(
+        |fixture| fs::remove_file(fixture.root().join("skills/bad/viability.onnx")).expect("removed"),
+        &[MANIFEST, "models.viability", "skills/bad/viability.onnx", "a trained predictor"],
+    );
+}
+
+#[test]
+fn a_truncated_model() {
+    let spoil = |fixture: &mut Fixture| {
+        let model = constant_model("cot", 0.3);
+        fixture.write("skills/bad/cot.onnx", &model[..model.len() / 2]);
+    };
+    refused(spoil, &["skills/bad/cot.onnx"]);
+}
+
+#[test]
+fn a_model_of_another_shape() {
+    refused(
+        |fixture| {
+            fixture.write("skills/bad/viability.onnx", &constant_model_of_shape("viability", 0.9, [31, 13]));
+        },
+        &["skills/bad/viability.onnx", "heightfield", "13", "11"],
+    );
+}
+
+#[test]
+fn a_model_in_the_others_place() {
+    refused(
+        |fixture| fixture.write("skills/bad/viability.onnx", &constant_model("cot", 0.3)),
+        &["skills/bad/viability.onnx", "cot", "viability"],
+    );
+}
+
+#[test]
+fn a_joint_that_the_robot_lacks() {
+    refused(
+        |fixture| {
+            fixture.alter(
+                MANIFEST,
+                "[selection]",
+                "[contract]\njoints = [\"LF_HAA\", \"LF_HIP\"]\n\n[selection]",
+            )
+        },
+        &[MANIFEST, "contract.joints[1]", "\"LF_HIP\"", "joints of anymal_d", "RH_KFE"],
+    );
+}
+
+#[test]
+fn a_command_beyond_the_plugins_range() {
+    refused(
+        |fixture| fixture.alter(MANIFEST, "[0.0, 0.7]", "[0.0, 1.5]"),
+        &[MANIFEST, "command.forward_m_per_s", "1.5", "inside [-1, 1]"],
+    );
+}
+
+#[test]
+fn a_policy_that_no_plugin_would_be_handed() {
+    refused(
+        |fixture| fixture.alter(MANIFEST, "[models]", "[models]\npolicy = \"policy.onnx\""),
+        &[MANIFEST, "models.policy", "policy.onnx"],
+    );
+}
+
+#[test]
+fn no_skill_left_is_an_error_that_names_them_all() {
+    let fixture = Fixture::new();
+    fixture.add_skill("bad", "none", 0.97, 0.3);
+    fixture.alter(MANIFEST, "schema = 1", "schema = 7");
+    fixture.add_deployment("two", &["bad", "absent"]);
+    let error = load_deployment(&fixture.installation(), "two").expect_err("an error");
+    assert!(matches!(&error, LoadError::NoSkillLeft { refused, .. } if refused.len() == 2), "{error}");
+    let line = error.to_string();
+    assert!(line.contains("bad") && line.contains("absent") && !line.contains('\n'), "{line}");
+}
+
+#[test]
+fn a_rate_that_the_plugin_does_not_run_at() {
+    let fixture = Fixture::new();
+    fixture.add_skill("bad", "none", 0.97, 0.3);
+    fixture.add_deployment("slow", &["bad"]);
+    fixture.alter("manifests/deployments/slow.toml", "schema = 1", "schema = 1\nrate_hz = 20");
+    let line = load_deployment(&fixture.installation(), "slow").expect_err("an error").to_string();
+    assert!(line.contains("slow.toml: rate_hz: found 20, wanted 50"), "{line}");
+}
