@@ -4,6 +4,7 @@
 mod angle;
 pub mod calibration;
 pub mod collect;
+pub mod course;
 pub mod dataset;
 pub mod driver;
 pub mod evaluate;

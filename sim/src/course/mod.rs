@@ -1,0 +1,124 @@
+//! A course with something that chooses skills: where it starts, how it is commanded, how it ends.
+//!
+//! The robot is steered to the terrain's heading and nothing else; whoever decides is a [`Pilot`],
+//! the selector of `vocaloco-core` or one skill alone. Deterministic for a seed and a rollout.
+
+mod drive;
+mod pilot;
+mod record;
+mod stage;
+mod success;
+
+#[cfg(test)]
+mod tests;
+
+pub use drive::drive;
+pub use pilot::{Pilot, PilotTick, SelectorPilot, SkillPilot};
+pub use record::{CourseRun, CourseTick, Outcome, Switch};
+pub use stage::CourseStage;
+pub use success::{Selector, SuccessRow, roll_out, success};
+
+use thiserror::Error;
+use vocaloco_core::{plugin::PluginError, registry::LoadError, runtime::RuntimeError};
+use vocaloco_plugin_api::SkillError;
+
+use crate::{
+    driver::SensorNoise,
+    spawn::{NoValidPose, SpawnRules},
+    terrain::CourseKind,
+};
+
+/// Forward command, m/s (METHOD, section 3).
+pub const FORWARD_M_PER_S: f32 = 0.6;
+/// Where the target lies on the far flat, from its near edge, m.
+pub const TARGET_ON_FLAT_M: f32 = 2.0;
+/// Reached: the base is within this of the target, m.
+pub const REACHED_WITHIN_M: f32 = 0.5;
+/// Stopped: standing for this long without a break, s.
+pub const STOPPED_AFTER_S: f64 = 2.0;
+
+/// Which course, how it starts and what is uncertain about it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CourseConfig {
+    /// Up or down.
+    pub kind: CourseKind,
+    /// Height of a step, m.
+    pub size_m: f32,
+    /// Number of steps.
+    pub steps: usize,
+    /// Seed of every stream.
+    pub seed: u64,
+    /// Which of the seed's rollouts.
+    pub rollout: u64,
+    /// Where along the near flat the base is set down, smallest and largest x, m.
+    pub start_m: [f32; 2],
+    /// How the robot is set down.
+    pub spawn: SpawnRules,
+    /// Noise on what plugins and the runtime measure, the elevation map included.
+    pub noise: SensorNoise,
+    /// Half-width of the uniform noise on every value of the predictors' field, fresh each tick, m.
+    pub field_noise_m: f32,
+    /// Draw friction and base mass as a collection's repeats do; otherwise they are nominal.
+    pub varied: bool,
+    /// Keep every tick, for pictures and logs.
+    pub recorded: bool,
+}
+
+impl CourseConfig {
+    /// A rollout of the evaluation: spawned anywhere on the near flat, varied, not recorded.
+    pub fn evaluation(kind: CourseKind, size_m: f32, seed: u64, rollout: u64) -> Self {
+        Self {
+            kind,
+            size_m,
+            steps: 6,
+            seed,
+            rollout,
+            start_m: [0.8, 2.2],
+            spawn: SpawnRules { any_yaw_share: 0.0, ..SpawnRules::default() },
+            noise: SensorNoise::default(),
+            field_noise_m: 0.1,
+            varied: true,
+            recorded: false,
+        }
+    }
+
+    /// The demo's staircase: three steps, from the back of the near flat so that it begins with
+    /// level ground in view, every tick kept.
+    pub fn demo(kind: CourseKind, size_m: f32, seed: u64) -> Self {
+        Self {
+            steps: 3,
+            start_m: [0.8, 1.0],
+            spawn: SpawnRules { any_yaw_share: 0.0, yaw_rad: 0.1, ..SpawnRules::default() },
+            varied: false,
+            recorded: true,
+            ..Self::evaluation(kind, size_m, seed, 0)
+        }
+    }
+}
+
+/// Why a course could not be driven to its end.
+#[derive(Debug, Error)]
+pub enum CourseError {
+    /// The robot could not be set down.
+    #[error(transparent)]
+    Spawn(#[from] NoValidPose),
+    /// The deployment did not load.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// The one skill that drives could not be made.
+    #[error(transparent)]
+    Plugin(#[from] PluginError),
+    /// The runtime could not start.
+    #[error("runtime: {0}")]
+    Runtime(#[from] RuntimeError),
+    /// The one skill that drives failed.
+    #[error("skill `{skill}` at {t_s:.2} s: {error}")]
+    Skill {
+        /// Its name.
+        skill: String,
+        /// When.
+        t_s: f64,
+        /// What the plugin reported.
+        error: SkillError,
+    },
+}

@@ -1,0 +1,240 @@
+//! Who decides on a course: the selector's runtime, or one skill alone.
+
+use rand_chacha::ChaCha8Rng;
+use vocaloco_core::{
+    decision::Decision,
+    elevation::Elevation,
+    heightfield::{COLUMNS, Noise, ROWS},
+    observation::Observation,
+    plugin::PluginInstance,
+    runtime::Runtime,
+};
+use vocaloco_plugin_api::{Command, Description, TerrainPatch};
+
+use super::{CourseConfig, CourseError};
+use crate::{
+    driver::{DECIMATION, Driver, SensorNoise, TICK_S},
+    plant::{Measurement, Plant},
+    stream::{stream, uniform},
+    terrain::{Terrain, Vantage},
+};
+
+/// The elevation map that the simulated robot perceives. Both the field's 10 cm and a plugin's
+/// points fall on its own when they are multiples of its resolution.
+const MAP: TerrainPatch = TerrainPatch { back_m: 1.2, front_m: 2.2, half_width_m: 0.7, resolution_m: 0.02 };
+
+/// What a tick came to.
+#[derive(Clone, Debug)]
+pub struct PilotTick {
+    /// What was decided, where there is anything to decide.
+    pub decision: Option<Decision>,
+    /// The skill that drove, or `stand`.
+    pub active: String,
+    /// The base touched something in one of the physics steps.
+    pub base_contact: bool,
+    /// Anything but a foot did.
+    pub nonfoot_contact: bool,
+}
+
+/// Drives a plant, one policy tick at a time.
+pub trait Pilot {
+    /// The plant that is driven.
+    fn plant(&self) -> &Plant;
+
+    /// Counts work from here.
+    fn reset_work(&mut self);
+
+    /// Observes, decides, and steps the plant by 20 ms.
+    ///
+    /// # Errors
+    /// When the pilot cannot go on.
+    fn tick(&mut self, command: &Command) -> Result<PilotTick, CourseError>;
+}
+
+/// Contacts over the physics steps of a tick.
+#[derive(Default)]
+struct Touched {
+    base: bool,
+    nonfoot: bool,
+}
+
+impl Touched {
+    fn see(&mut self, measured: &Measurement) {
+        self.base |= measured.base_contact;
+        self.nonfoot |= measured.nonfoot_contact;
+    }
+}
+
+/// The runtime of `vocaloco-core`, exactly as on a robot, fed from the plant.
+pub struct SelectorPilot<'a> {
+    plant: &'a mut Plant,
+    terrain: &'a Terrain,
+    runtime: &'a mut Runtime,
+    noise: SensorNoise,
+    field_noise_m: f32,
+    sensors: ChaCha8Rng,
+    field: ChaCha8Rng,
+    ticks: u64,
+}
+
+impl<'a> SelectorPilot<'a> {
+    /// A pilot at time 0; its noise comes from the streams `course_sensors` and `course_field`.
+    pub fn new(
+        config: &CourseConfig,
+        plant: &'a mut Plant,
+        terrain: &'a Terrain,
+        runtime: &'a mut Runtime,
+    ) -> Self {
+        Self {
+            plant,
+            terrain,
+            runtime,
+            noise: config.noise,
+            field_noise_m: config.field_noise_m,
+            sensors: stream(config.seed, "course_sensors", &[config.rollout]),
+            field: stream(config.seed, "course_field", &[config.rollout]),
+            ticks: 0,
+        }
+    }
+
+    fn observe(&mut self, command: &Command) -> Observation {
+        let t_s = self.ticks as f64 * TICK_S;
+        let measured = self.plant.measure();
+        let (noise, rng) = (&self.noise, &mut self.sensors);
+        let mut noisy = |value: f32, half_width: f32| value + uniform(rng, -half_width, half_width);
+        let from = Vantage { position_m: measured.base.position_m, yaw_rad: measured.base.yaw() };
+        let mut elevation = self.terrain.elevation(&from, &MAP, t_s);
+        Observation {
+            t_s,
+            joint_position_rad: measured
+                .joint_position_rad
+                .iter()
+                .map(|value| noisy(*value, noise.joint_position_rad))
+                .collect(),
+            joint_velocity_rad_per_s: measured
+                .joint_velocity_rad_per_s
+                .iter()
+                .map(|value| noisy(*value, noise.joint_velocity_rad_per_s))
+                .collect(),
+            joint_torque_nm: Some(measured.joint_torque_nm.clone()),
+            foot_contact: Some(measured.foot_contact.clone()),
+            base_linear_velocity: measured
+                .base_linear_velocity
+                .map(|value| noisy(value, noise.linear_velocity_m_per_s)),
+            base_angular_velocity: measured
+                .base_angular_velocity
+                .map(|value| noisy(value, noise.angular_velocity_rad_per_s)),
+            projected_gravity: measured.projected_gravity.map(|value| noisy(value, noise.gravity)),
+            base_in_odom: None,
+            elevation: {
+                blur(&mut elevation, |height| noisy(height, noise.patch_m));
+                Some(elevation)
+            },
+            command: *command,
+            field_noise: (self.field_noise_m > 0.0).then(|| self.field_noise()),
+        }
+    }
+
+    fn field_noise(&mut self) -> Noise {
+        let mut cells = [[0.0; COLUMNS]; ROWS];
+        for cell in cells.as_flattened_mut() {
+            *cell = uniform(&mut self.field, -self.field_noise_m, self.field_noise_m);
+        }
+        cells
+    }
+}
+
+/// Noise on every height but those that the predictors' field is sampled from: it has its own.
+fn blur(elevation: &mut Elevation, mut noisy: impl FnMut(f32) -> f32) {
+    let every = (0.1 / elevation.resolution_m).round() as usize;
+    let (first_row, first_column) = (
+        (elevation.back_m / elevation.resolution_m).round() as usize % every,
+        (elevation.half_width_m / elevation.resolution_m).round() as usize % every,
+    );
+    let columns = elevation.columns();
+    for (index, height) in elevation.height_m.iter_mut().enumerate() {
+        let of_the_field =
+            (index / columns) % every == first_row && (index % columns) % every == first_column;
+        if !of_the_field {
+            *height = noisy(*height);
+        }
+    }
+}
+
+impl Pilot for SelectorPilot<'_> {
+    fn plant(&self) -> &Plant {
+        self.plant
+    }
+
+    fn reset_work(&mut self) {
+        self.plant.reset_work();
+    }
+
+    fn tick(&mut self, command: &Command) -> Result<PilotTick, CourseError> {
+        let observation = self.observe(command);
+        let tick = self.runtime.tick(&observation);
+        let mut touched = Touched::default();
+        for _ in 0..DECIMATION {
+            self.plant.step(tick.joints);
+            touched.see(self.plant.measure());
+        }
+        self.ticks += 1;
+        Ok(PilotTick {
+            active: tick.decision.active.clone(),
+            decision: Some(tick.decision.clone()),
+            base_contact: touched.base,
+            nonfoot_contact: touched.nonfoot,
+        })
+    }
+}
+
+/// One skill alone, whatever lies ahead.
+pub struct SkillPilot<'a> {
+    name: String,
+    driver: Driver<'a>,
+    started: bool,
+    ticks: u64,
+}
+
+impl<'a> SkillPilot<'a> {
+    /// A pilot at time 0; its noise comes from the stream `course_sensors`.
+    pub fn new(
+        config: &CourseConfig,
+        plant: &'a mut Plant,
+        terrain: &'a Terrain,
+        (name, description, instance): (&str, &Description, &'a mut PluginInstance),
+    ) -> Self {
+        let rng = stream(config.seed, "course_sensors", &[config.rollout]);
+        let driver = Driver::new(plant, terrain, instance, description, config.noise, rng);
+        Self { name: name.to_owned(), driver, started: false, ticks: 0 }
+    }
+}
+
+impl Pilot for SkillPilot<'_> {
+    fn plant(&self) -> &Plant {
+        self.driver.plant
+    }
+
+    fn reset_work(&mut self) {
+        self.driver.plant.reset_work();
+    }
+
+    fn tick(&mut self, command: &Command) -> Result<PilotTick, CourseError> {
+        let t_s = self.ticks as f64 * TICK_S;
+        let name = &self.name;
+        let failed = |error| CourseError::Skill { skill: name.clone(), t_s, error };
+        if !self.started {
+            self.driver.start().map_err(failed)?;
+            self.started = true;
+        }
+        let mut touched = Touched::default();
+        self.driver.tick(command, |plant| touched.see(plant.measure())).map_err(failed)?;
+        self.ticks += 1;
+        Ok(PilotTick {
+            decision: None,
+            active: self.name.clone(),
+            base_contact: touched.base,
+            nonfoot_contact: touched.nonfoot,
+        })
+    }
+}
