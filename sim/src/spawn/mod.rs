@@ -2,6 +2,7 @@
 //! the common stand, and the checks that make a pose valid. Knows no skill: the pose depends on the
 //! stream alone.
 
+mod leg;
 mod stance;
 
 use rand_chacha::ChaCha8Rng;
@@ -74,31 +75,28 @@ pub struct NoValidPose {
 #[derive(Clone, Debug)]
 pub struct Spawner {
     stance: Stance,
-    joint_position_rad: Vec<f32>,
-    targets: Vec<JointTarget>,
+    /// Stiffness and damping of the stand.
+    hold: JointTarget,
     rules: SpawnRules,
 }
 
 impl Spawner {
     /// A spawner for a robot.
     pub fn new(robot: &RobotModel, rules: SpawnRules) -> Self {
-        let joint_position_rad = robot.stand_position_rad();
-        let targets = joint_position_rad
-            .iter()
-            .map(|position_rad| JointTarget {
-                position_rad: *position_rad,
-                stiffness_nm_per_rad: robot.stand.stiffness_nm_per_rad,
-                damping_nms_per_rad: robot.stand.damping_nms_per_rad,
-                feed_forward_nm: 0.0,
-            })
-            .collect();
-        Self { stance: Stance::new(&robot.description), joint_position_rad, targets, rules }
+        let hold = JointTarget {
+            position_rad: 0.0,
+            stiffness_nm_per_rad: robot.stand.stiffness_nm_per_rad,
+            damping_nms_per_rad: robot.stand.damping_nms_per_rad,
+            feed_forward_nm: 0.0,
+        };
+        Self { stance: Stance::new(&robot.description), hold, rules }
     }
 
     /// Draws poses until one is valid.
     ///
     /// Position: uniform over the terrain's spawn area. Yaw: the terrain's direction ±
-    /// [`SpawnRules::yaw_rad`], or any. Roll and pitch: along the ground. Valid after
+    /// [`SpawnRules::yaw_rad`], or any. Roll and pitch: along the ground; feet on it, below where the
+    /// level stand has them, joints held there at the stand's gains. Valid after
     /// [`SpawnRules::settle_s`] in the stand: base near the desired position, yaw near the desired
     /// one, no base contact at any moment.
     ///
@@ -129,16 +127,21 @@ impl Spawner {
         let y_m = uniform(rng, terrain.spawn_min_m[1], terrain.spawn_max_m[1]);
         let yaw_rad = self.draw_yaw_rad(terrain, rng);
         let placed = self.stance.on(terrain, x_m.into(), y_m.into(), yaw_rad.into())?;
-        plant.place(&placed.start, &self.joint_position_rad);
+        plant.place(&placed.base, &placed.joint_position_rad);
+        let targets: Vec<JointTarget> = placed
+            .joint_position_rad
+            .iter()
+            .map(|position_rad| JointTarget { position_rad: *position_rad, ..self.hold })
+            .collect();
         let steps = (self.rules.settle_s / f64::from(STEP_S)).round() as usize;
         for _ in 0..steps {
-            plant.step(&self.targets);
+            plant.step(&targets);
             if plant.measure().base_contact {
                 return None;
             }
         }
         let settled = plant.measure().base;
-        let moved_m = distance_m(settled.position_m, placed.desired.position_m);
+        let moved_m = distance_m(settled.position_m, placed.base.position_m);
         let turned_rad = wrapped_rad(settled.yaw() - yaw_rad).abs();
         // Phrased as "is inside", so that a pose of NaN is not valid.
         let valid = moved_m <= self.rules.position_tolerance_m && turned_rad <= self.rules.yaw_tolerance_rad;

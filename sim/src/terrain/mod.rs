@@ -143,7 +143,7 @@ pub struct Terrain {
 impl Terrain {
     /// A tile: the same arguments always give the same solids.
     ///
-    /// Directed kinds are lanes along +x: 2 m of flat, the obstacle, 0.8 m of flat, on which robots
+    /// Directed kinds are lanes along +x: 1.8 m of flat, the obstacle, 0.6 m of flat, on which robots
     /// are spawned, with 4 m of room on every side, for a rollout of 2.6 m and the view ahead of it.
     pub fn tile(kind: TerrainKind, size_m: f32, seed: u64) -> Self {
         tile::build(kind, size_m, seed)

@@ -53,8 +53,8 @@ fn height_matches_the_collider() {
 #[test]
 fn a_gap_is_not_read_as_a_wall() {
     let gap = Terrain::tile(TerrainKind::Gap, 0.5, 0);
-    // Base 1 m before the edge at x = 2 m: the gap spans 1.0 to 1.5 m ahead, rows 20 to 25.
-    let field = gap.heightfield(&at(1.0, 0.0, 0.0)).prepare(None).unwrap();
+    // Base 1 m before the edge at x = 1.8 m: the gap spans 1.0 to 1.5 m ahead, rows 20 to 25.
+    let field = gap.heightfield(&at(0.8, 0.0, 0.0)).prepare(None).unwrap();
     let cell = |row: usize| field.as_slice()[row * COLUMNS + CENTRE[1]];
     assert_eq!([cell(19), cell(26)], [0.0, 0.0], "the ground before and behind");
     for row in 21..25 {
@@ -97,12 +97,12 @@ fn stairs_have_the_stated_rise_and_tread() {
 #[test]
 fn the_field_looks_ahead_along_the_yaw_and_left_is_left() {
     let wall = Terrain::tile(TerrainKind::Wall, 0.3, 0);
-    // Facing +y, the wall (x ≥ 2) is to the right: columns run from left to right.
-    let field = wall.heightfield(&at(1.7, 0.0, std::f32::consts::FRAC_PI_2));
+    // Facing +y, the wall (x ≥ 1.8) is to the right: columns run from left to right.
+    let field = wall.heightfield(&at(1.5, 0.0, std::f32::consts::FRAC_PI_2));
     assert!((field.cells_m[10][10] - -0.2).abs() < 1e-5, "right: {}", field.cells_m[10][10]);
     assert!((field.cells_m[10][0] - -0.5).abs() < 1e-5, "left: {}", field.cells_m[10][0]);
     // Facing +x it is ahead.
-    let field = wall.heightfield(&at(1.0, 0.0, 0.0));
+    let field = wall.heightfield(&at(0.8, 0.0, 0.0));
     assert!((field.cells_m[25][5] - -0.2).abs() < 1e-5);
     assert!((field.cells_m[5][5] - -0.5).abs() < 1e-5);
 }

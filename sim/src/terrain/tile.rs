@@ -8,8 +8,10 @@ use crate::stream::{stream, uniform};
 
 /// Where every box ends below, m.
 const BOTTOM_M: f32 = -2.5;
-const FLAT_BEFORE_M: f32 = 2.0;
-const FLAT_AFTER_M: f32 = 0.8;
+/// A rollout of 1.5 m from its far end brings the front feet to the obstacle.
+const FLAT_BEFORE_M: f32 = 1.8;
+/// On its far end the hind feet have just left the obstacle.
+const FLAT_AFTER_M: f32 = 0.6;
 const HALF_WIDTH_M: f32 = 1.0;
 /// Room around the part on which robots are spawned, m.
 const MARGIN_M: f32 = 4.0;
