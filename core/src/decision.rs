@@ -144,6 +144,7 @@ pub(crate) fn hash_into(field: &Field, text: &mut String) {
     let _ = write!(text, "{hash:016x}");
 }
 
+#[allow(clippy::ref_option, reason = "serde calls it with a reference to the field")]
 fn write_field<S: Serializer>(field: &Option<Field>, serializer: S) -> Result<S::Ok, S::Error> {
     field.as_ref().map(|field| field.as_slice().as_slice()).serialize(serializer)
 }

@@ -170,6 +170,7 @@ impl Field {
 }
 
 #[cfg(test)]
+#[allow(clippy::float_cmp, reason = "these values are exact by construction")]
 mod tests {
     use super::*;
 

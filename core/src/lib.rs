@@ -2,6 +2,7 @@
 //! chosen skill. Knows no physics engine, no training and no particular skill.
 
 pub mod decision;
+pub mod decision_log;
 pub mod elevation;
 pub mod heightfield;
 pub mod installation;
@@ -10,8 +11,10 @@ pub mod observation;
 pub mod plugin;
 pub mod predictor;
 pub mod registry;
+pub mod replay;
 pub mod robot;
 pub mod runtime;
 pub mod selector;
 pub mod stand;
+pub mod stdio;
 pub mod switch;

@@ -172,7 +172,7 @@ impl Selector {
         reasons.clear();
         let mut cheapest: Option<(usize, f32)> = None;
         for (skill, prediction) in predictions.iter().enumerate().take(self.rules.len()) {
-            let reason = self.judge(skill, prediction, command);
+            let reason = self.judge(skill, *prediction, command);
             reasons.push(reason);
             let is_cheaper = cheapest.is_none_or(|(_, cot)| prediction.cot < cot);
             if matches!(reason, Reason::Viable { .. }) && is_cheaper {
@@ -182,7 +182,7 @@ impl Selector {
         cheapest.map_or(Choice::Stop, |(skill, _)| Choice::Skill(skill))
     }
 
-    fn judge(&mut self, skill: usize, prediction: &Prediction, command: &Command) -> Reason {
+    fn judge(&mut self, skill: usize, prediction: Prediction, command: &Command) -> Reason {
         if let Some(why) = self.out_of_service[skill] {
             return why;
         }

@@ -114,7 +114,7 @@ impl Network {
         if let Some(node) = graph.node.last_mut() {
             node.output = vec![name.clone()];
         }
-        graph.input.push(value_info("heightfield", &[1, ROWS as i64, COLUMNS as i64]));
+        graph.input.push(value_info("heightfield", &[1, 31, 11]));
         graph.output.push(value_info(&name, &[1]));
         ModelProto {
             ir_version: 8,

@@ -3,6 +3,8 @@
 //! Source-agnostic and deterministic: it reads no clock (one may be given, only to measure), opens
 //! nothing and never gives up. Whatever fails, it stands; DESIGN's table of faults is this file.
 
+#[cfg(test)]
+pub(crate) mod fixture;
 mod skill;
 #[cfg(test)]
 mod tests;
@@ -313,26 +315,23 @@ impl Runtime {
 
     /// Predictions and verdicts of every skill, into the record.
     fn choose(&mut self, field: Option<&Field>, observation: &Observation) -> Choice {
-        let choice = match field {
-            Some(field) => {
-                for (index, skill) in self.skills.iter_mut().enumerate() {
-                    self.predictions[index] = if self.selector.out_of_service(index).is_some() {
-                        Prediction::NONE
-                    } else {
-                        let (prediction, failed) = skill.predictors.predict(field);
-                        self.decision.events.extend(failed);
-                        prediction
-                    };
-                }
-                self.selector.choose(&self.predictions, &observation.command, &mut self.reasons)
+        let choice = if let Some(field) = field {
+            for (index, skill) in self.skills.iter_mut().enumerate() {
+                self.predictions[index] = if self.selector.out_of_service(index).is_some() {
+                    Prediction::NONE
+                } else {
+                    let (prediction, failed) = skill.predictors.predict(field);
+                    self.decision.events.extend(failed);
+                    prediction
+                };
             }
-            None => {
-                self.predictions.fill(Prediction::NONE);
-                self.reasons.clear();
-                let reason = |skill| self.selector.out_of_service(skill).unwrap_or(Reason::NoTerrain);
-                self.reasons.extend((0..self.skills.len()).map(reason));
-                Choice::Stop
-            }
+            self.selector.choose(&self.predictions, &observation.command, &mut self.reasons)
+        } else {
+            self.predictions.fill(Prediction::NONE);
+            self.reasons.clear();
+            let reason = |skill| self.selector.out_of_service(skill).unwrap_or(Reason::NoTerrain);
+            self.reasons.extend((0..self.skills.len()).map(reason));
+            Choice::Stop
         };
         let seen = self.predictions.iter().zip(&self.reasons);
         for (verdict, (prediction, reason)) in self.decision.skills.iter_mut().zip(seen) {
@@ -445,10 +444,6 @@ impl Runtime {
     fn record(&mut self, choice: Choice) {
         let overruled = self.decision.forced.is_some_and(|forced| forced != Forced::ZeroCommand);
         let choice = if overruled { Choice::Stop } else { choice };
-        fn set(text: &mut String, value: &str) {
-            text.clear();
-            text.push_str(value);
-        }
         let rules = self.selector.rules();
         let name = |skill: usize| rules[skill].name.as_str();
         let active = self.filter.active();
@@ -469,6 +464,11 @@ impl Runtime {
         self.decision.stopped = self.filter.is_stopped();
         self.decision.explain(choice, active, self.filter.agreement());
     }
+}
+
+fn set(text: &mut String, value: &str) {
+    text.clear();
+    text.push_str(value);
 }
 
 fn micros(from: Duration, to: Duration) -> f64 {

@@ -30,7 +30,7 @@ impl Leg {
                     axis: joint.axis,
                 });
                 // Parents come before children, so this ends.
-                next = (joint.parent < index as i32).then_some(joint.parent);
+                next = Some(joint.parent).filter(|&parent| parent < i32::try_from(index).unwrap_or(0));
             }
             Self { links, foot_in_link_m: foot.centre_in_link_m }
         };

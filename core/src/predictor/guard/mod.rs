@@ -140,7 +140,7 @@ fn dimensions(tensor: &type_proto::Tensor, shape: &[usize]) -> (bool, String) {
     for (index, dim) in dims.iter().take(8).enumerate() {
         let open = match &dim.value {
             Some(DimValue(size)) => {
-                fits &= shape.get(index).is_some_and(|&wanted| wanted as i64 == *size);
+                fits &= shape.get(index).is_some_and(|&wanted| i64::try_from(wanted) == Ok(*size));
                 words.push(size.to_string());
                 continue;
             }

@@ -1,0 +1,396 @@
+//! Decision logs: MCAP with JSON messages, which Foxglove and Rerun open.
+//!
+//! The first message says what the loop was configured with, so that a log explains and replays
+//! itself; then comes one [`Decision`] a tick. A log whose writer was killed is read up to its last
+//! whole second.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use mcap::records::MessageHeader;
+use mcap::{McapError, WriteOptions, Writer};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+use vocaloco_plugin_api::CommandKind;
+
+use crate::decision::Decision;
+use crate::manifest::CommandRange;
+use crate::runtime::Runtime;
+use crate::selector::Rule;
+use crate::switch::Windows;
+
+const SETUP: &str = "/vocaloco/setup";
+const DECISION: &str = "/vocaloco/decision";
+/// Messages after which a chunk is closed and handed to the system.
+const FLUSH_EVERY: u32 = 50;
+
+/// Version of the messages.
+pub const SCHEMA: u32 = 1;
+
+/// What the loop was configured with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setup {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// Version of this program.
+    pub version: String,
+    /// Name of the deployment.
+    pub deployment: String,
+    /// Name of the robot.
+    pub robot: String,
+    /// The model runtime, with its version.
+    pub backend: String,
+    /// Rate of ticks, Hz.
+    pub rate_hz: f64,
+    /// Ticks that must agree before a switch.
+    pub switch_window: usize,
+    /// Ticks that must agree before a stop.
+    pub stop_window: usize,
+    /// Ticks that must agree before a stop is left.
+    pub resume_window: usize,
+    /// What the selector knew of each skill, in the deployment's order.
+    pub skills: Vec<SetupSkill>,
+}
+
+/// What the selector knew of a skill.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SetupSkill {
+    /// Its name.
+    pub name: String,
+    /// Least predicted viability at which it may be chosen.
+    pub viability_threshold: f32,
+    /// Whether it goes to position targets rather than following a velocity.
+    pub position_target: bool,
+    /// Forward velocity that it takes, m/s.
+    pub forward_m_per_s: [f64; 2],
+}
+
+impl Setup {
+    /// The setup of a runtime.
+    pub fn of(runtime: &Runtime, deployment: &str) -> Self {
+        let config = runtime.config();
+        let backend = crate::predictor::backend();
+        let skill = |rule: &Rule| SetupSkill {
+            name: rule.name.clone(),
+            viability_threshold: rule.viability_threshold,
+            position_target: rule.command.kind == CommandKind::PositionTarget,
+            forward_m_per_s: rule.command.forward_m_per_s,
+        };
+        Self {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            deployment: deployment.to_owned(),
+            robot: runtime.robot().name.clone(),
+            backend: format!("{} {}", backend.name, backend.version),
+            rate_hz: config.rate_hz,
+            switch_window: config.windows.switch,
+            stop_window: config.windows.stop,
+            resume_window: config.windows.resume,
+            skills: runtime.rules().iter().map(skill).collect(),
+        }
+    }
+
+    /// The switch filter's windows.
+    pub const fn windows(&self) -> Windows {
+        Windows { switch: self.switch_window, stop: self.stop_window, resume: self.resume_window }
+    }
+
+    /// The selector's rules.
+    pub fn rules(&self) -> Vec<Rule> {
+        let rule = |skill: &SetupSkill| Rule {
+            name: skill.name.clone(),
+            viability_threshold: skill.viability_threshold,
+            command: CommandRange {
+                kind: if skill.position_target { CommandKind::PositionTarget } else { CommandKind::Velocity },
+                forward_m_per_s: skill.forward_m_per_s,
+                target_distance_m: None,
+            },
+        };
+        self.skills.iter().map(rule).collect()
+    }
+}
+
+/// Why a log could not be written or read.
+#[derive(Debug, Error)]
+pub enum LogError {
+    /// The system refused.
+    #[error("{}: {source}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// What the system says.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The container is damaged or no MCAP at all.
+    #[error("{}: {source}, wanted an MCAP file of decisions", file.display())]
+    Container {
+        /// The file.
+        file: PathBuf,
+        /// What the reader says.
+        #[source]
+        source: Box<McapError>,
+    },
+    /// A message is not what this version writes.
+    #[error("{}: {topic}: found {found}, wanted {wanted}", file.display())]
+    Message {
+        /// The file.
+        file: PathBuf,
+        /// Its topic.
+        topic: &'static str,
+        /// What is there.
+        found: String,
+        /// What should be.
+        wanted: String,
+    },
+}
+
+/// A log being written.
+pub struct LogWriter {
+    file: PathBuf,
+    writer: Writer<BufWriter<File>>,
+    channel: u16,
+    written: u32,
+    text: Vec<u8>,
+}
+
+impl LogWriter {
+    /// Creates or replaces `file` and writes the setup.
+    ///
+    /// # Errors
+    /// When the system does not take it.
+    pub fn create(file: &Path, setup: &Setup) -> Result<Self, LogError> {
+        let opened = File::create(file).map_err(|source| LogError::Io { file: file.to_owned(), source })?;
+        let fault = |source| container(file, source);
+        let options = WriteOptions::new().library("vocaloco").compression(None);
+        let mut writer = options.create(BufWriter::new(opened)).map_err(fault)?;
+        let mut channel = |name: &str, topic: &str, schema: &str| {
+            let id = writer.add_schema(name, "jsonschema", schema.as_bytes())?;
+            writer.add_channel(id, topic, "json", &BTreeMap::new())
+        };
+        let setup_channel = channel("vocaloco.Setup", SETUP, SETUP_SCHEMA).map_err(fault)?;
+        let channel = channel("vocaloco.Decision", DECISION, DECISION_SCHEMA).map_err(fault)?;
+        let mut log = Self { file: file.to_owned(), writer, channel, written: 0, text: Vec::new() };
+        log.put(setup_channel, 0, setup)?;
+        Ok(log)
+    }
+
+    /// Appends one tick.
+    ///
+    /// # Errors
+    /// When the system does not take it.
+    pub fn write(&mut self, decision: &Decision) -> Result<(), LogError> {
+        let log_time = (decision.t_s * 1e9).round().max(0.0) as u64;
+        self.put(self.channel, log_time, decision)?;
+        if self.written.is_multiple_of(FLUSH_EVERY) {
+            self.writer.flush().map_err(|source| container(&self.file, source))?;
+        }
+        Ok(())
+    }
+
+    /// Writes the index and closes the file.
+    ///
+    /// # Errors
+    /// When the system does not take it.
+    pub fn finish(mut self) -> Result<(), LogError> {
+        self.writer.finish().map(drop).map_err(|source| container(&self.file, source))
+    }
+
+    fn put(&mut self, channel_id: u16, log_time: u64, message: &impl Serialize) -> Result<(), LogError> {
+        self.text.clear();
+        serde_json::to_writer(&mut self.text, message)
+            .map_err(|error| container(&self.file, McapError::Io(error.into())))?;
+        let header = MessageHeader { channel_id, sequence: self.written, log_time, publish_time: log_time };
+        self.written += 1;
+        self.writer
+            .write_to_known_channel(&header, &self.text)
+            .map_err(|source| container(&self.file, source))
+    }
+}
+
+/// A log read back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DecisionLog {
+    /// What the loop was configured with.
+    pub setup: Setup,
+    /// Every tick.
+    pub decisions: Vec<Decision>,
+    /// Why reading ended early, when the file ends in the middle of a record.
+    pub truncated: Option<String>,
+}
+
+impl DecisionLog {
+    /// Reads a whole log.
+    ///
+    /// # Errors
+    /// The file cannot be read, is no MCAP, or holds other messages than this version writes.
+    pub fn read(file: &Path) -> Result<Self, LogError> {
+        let bytes = std::fs::read(file).map_err(|source| LogError::Io { file: file.to_owned(), source })?;
+        let options = mcap::read::Options::IgnoreEndMagic.into();
+        let stream = mcap::MessageStream::new_with_options(&bytes, options);
+        let (mut setup, mut decisions, mut truncated) = (None, Vec::new(), None);
+        for message in stream.map_err(|source| container(file, source))? {
+            let message = match message {
+                Ok(message) => message,
+                // What a killed writer leaves behind is still worth explaining.
+                Err(error) if setup.is_some() => {
+                    truncated = Some(error.to_string());
+                    break;
+                }
+                Err(source) => return Err(container(file, source)),
+            };
+            match message.channel.topic.as_str() {
+                SETUP => setup = Some(parse(file, SETUP, &message.data)?),
+                DECISION => decisions.push(parse(file, DECISION, &message.data)?),
+                _ => {}
+            }
+        }
+        let setup: Setup = setup.ok_or_else(|| wrong(file, SETUP, "no such message", "one at the start"))?;
+        if setup.schema != SCHEMA {
+            return Err(wrong(file, SETUP, format!("schema {}", setup.schema), format!("schema {SCHEMA}")));
+        }
+        let skills = setup.skills.len();
+        if let Some(odd) = decisions.iter().find(|decision: &&Decision| decision.skills.len() != skills) {
+            let found = format!("{} skills at tick {}", odd.skills.len(), odd.tick);
+            return Err(wrong(file, DECISION, found, format!("{skills}, as in the setup")));
+        }
+        Ok(Self { setup, decisions, truncated })
+    }
+}
+
+fn parse<T: for<'de> Deserialize<'de>>(file: &Path, topic: &'static str, data: &[u8]) -> Result<T, LogError> {
+    serde_json::from_slice(data).map_err(|error| wrong(file, topic, error, "a message of this version"))
+}
+
+fn wrong(
+    file: &Path,
+    topic: &'static str,
+    found: impl std::fmt::Display,
+    wanted: impl std::fmt::Display,
+) -> LogError {
+    LogError::Message { file: file.to_owned(), topic, found: found.to_string(), wanted: wanted.to_string() }
+}
+
+fn container(file: &Path, source: McapError) -> LogError {
+    LogError::Container { file: file.to_owned(), source: Box::new(source) }
+}
+
+const SETUP_SCHEMA: &str = r#"{"title":"vocaloco.Setup","type":"object","properties":{
+"schema":{"type":"integer"},"version":{"type":"string"},"deployment":{"type":"string"},"robot":{"type":"string"},
+"backend":{"type":"string"},"rate_hz":{"type":"number"},"switch_window":{"type":"integer"},
+"stop_window":{"type":"integer"},"resume_window":{"type":"integer"},"skills":{"type":"array","items":{"type":"object",
+"properties":{"name":{"type":"string"},"viability_threshold":{"type":"number"},"position_target":{"type":"boolean"},
+"forward_m_per_s":{"type":"array","items":{"type":"number"}}}}}}}"#;
+
+const DECISION_SCHEMA: &str = r#"{"title":"vocaloco.Decision","type":"object","properties":{
+"t_s":{"type":"number"},"tick":{"type":"integer"},"command":{"type":"array","items":{"type":"number"}},
+"heightfield_hash":{"type":"string"},"field":{"type":"array","items":{"type":"number"}},
+"skills":{"type":"array","items":{"type":"object","properties":{"name":{"type":"string"},
+"viability":{"type":"number"},"cot":{"type":"number"},"viable":{"type":"boolean"},
+"reason":{"type":"object","properties":{"code":{"type":"string"}}}}}},
+"choice":{"type":"string"},"active":{"type":"string"},"stopped":{"type":"boolean"},"forced":{"type":"string"},
+"reason":{"type":"string"},"events":{"type":"array","items":{"type":"string"}},
+"timings":{"type":"object","properties":{"predict_us":{"type":"number"},"act_us":{"type":"number"},
+"total_us":{"type":"number"}}}}}"#;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::replay::as_recorded;
+    use crate::runtime::fixture::{Loop, fake, skill};
+
+    /// A loop that walks, ascends, fails, stands and stops; every tick of it, and its runtime.
+    fn eventful() -> (Setup, Vec<Decision>) {
+        let (walk, ascend) = (fake(0.99, 0.2), fake(0.93, 0.9));
+        let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &ascend)]);
+        let setup = Setup::of(&it.runtime, "test");
+        let mut decisions: Vec<_> = (0..20).map(|_| it.tick()).collect();
+        walk.with(|script| script.prediction = Some((0.1, 0.2)));
+        ascend.with(|script| script.prediction = Some((0.97, 0.9)));
+        decisions.extend((0..20).map(|_| it.tick()));
+        it.observation.joint_position_rad[3] = f32::NAN;
+        decisions.push(it.tick());
+        it.observation.joint_position_rad[3] = 0.0;
+        decisions.extend((0..30).map(|_| it.tick()));
+        ascend.with(|script| script.fails = true);
+        decisions.extend((0..5).map(|_| it.tick()));
+        walk.with(|script| script.prediction = Some((f32::NAN, 0.2)));
+        decisions.extend((0..5).map(|_| it.tick()));
+        (setup, decisions)
+    }
+
+    fn written(folder: &Path, setup: &Setup, decisions: &[Decision]) -> PathBuf {
+        let file = folder.join("decisions.mcap");
+        let mut log = LogWriter::create(&file, setup).unwrap();
+        decisions.iter().for_each(|decision| log.write(decision).unwrap());
+        log.finish().unwrap();
+        file
+    }
+
+    #[test]
+    fn a_log_comes_back_as_it_was_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let (setup, decisions) = eventful();
+        let log = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap();
+        assert_eq!(log.setup, setup);
+        assert_eq!(log.truncated, None);
+        assert_eq!(log.decisions.len(), decisions.len());
+        for (found, wanted) in log.decisions.iter().zip(&decisions) {
+            assert!(found == wanted, "tick {}", wanted.tick);
+        }
+    }
+
+    #[test]
+    fn a_log_decided_again_comes_to_the_same() {
+        let (setup, decisions) = eventful();
+        for skill in ["walk", "ascend", "stand"] {
+            assert!(decisions.iter().any(|decision| decision.active == skill), "the fixture lacks {skill}");
+        }
+        for (again, decision) in as_recorded(&setup, &decisions).iter().zip(&decisions) {
+            assert!(again.agrees_with(decision), "tick {}: {again:?}, {decision:?}", decision.tick);
+        }
+    }
+
+    #[test]
+    fn other_thresholds_and_windows_decide_otherwise() {
+        let (setup, decisions) = eventful();
+        let mut rules = setup.rules();
+        rules[0].viability_threshold = 0.999;
+        rules[1].viability_threshold = 0.9;
+        let windows = Windows { switch: 3, ..setup.windows() };
+        let again = crate::replay::replay(&rules, windows, &decisions, |decision, skill| {
+            decision.skills[skill].prediction()
+        });
+        assert_eq!((again[1].active.as_str(), again[2].active.as_str()), ("stand", "ascend"));
+    }
+
+    #[test]
+    fn a_killed_writers_log_is_read_up_to_where_it_ends() {
+        let folder = tempfile::tempdir().unwrap();
+        let (setup, decisions) = eventful();
+        let file = written(folder.path(), &setup, &decisions);
+        let bytes = std::fs::read(&file).unwrap();
+        for share in [0.6, 0.8, 0.95] {
+            std::fs::write(&file, &bytes[..(bytes.len() as f64 * share) as usize]).unwrap();
+            let log = DecisionLog::read(&file).unwrap();
+            assert!(log.truncated.is_some(), "{share}");
+            assert!(log.decisions[..] == decisions[..log.decisions.len()], "{share}");
+        }
+        let short = DecisionLog::read(&file).unwrap();
+        assert!(short.decisions.len() >= 49, "whole seconds are kept: {}", short.decisions.len());
+    }
+
+    #[test]
+    fn a_file_that_is_no_log_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("notes.txt");
+        assert!(matches!(DecisionLog::read(&file), Err(LogError::Io { .. })));
+        for bytes in [&b""[..], b"hello", b"\x89MCAP0\r\n", &[0xff; 400]] {
+            std::fs::write(&file, bytes).unwrap();
+            let error = DecisionLog::read(&file).unwrap_err().to_string();
+            assert!(error.contains("notes.txt: "), "{error}");
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! A log decided over again: the same selector and switch filter, fed with recorded or with fresh
+//! predictions, under the recorded rules or under others.
+
+use vocaloco_plugin_api::Command;
+
+use crate::decision::{Decision, Forced, STAND, STOP};
+use crate::decision_log::Setup;
+use crate::selector::{Choice, Prediction, Reason, Rule, Selector};
+use crate::switch::{Active, SwitchFilter, Windows};
+
+/// What a tick comes to the second time.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Replayed {
+    /// A skill, or `stop`.
+    pub choice: String,
+    /// A skill, or `stand`.
+    pub active: String,
+}
+
+impl Replayed {
+    /// Whether the record says the same.
+    pub fn agrees_with(&self, decision: &Decision) -> bool {
+        self.choice == decision.choice && self.active == decision.active
+    }
+}
+
+/// Decides every tick again, under `rules` and `windows`, with the predictions that `predict` gives
+/// for a tick and a skill.
+///
+/// What overruled the window then (unknown terrain, unusable measurements, a zero command) does so
+/// again; a plugin that failed fails again if it is the active one in the same tick.
+pub fn replay(
+    rules: &[Rule],
+    windows: Windows,
+    decisions: &[Decision],
+    mut predict: impl FnMut(&Decision, usize) -> Prediction,
+) -> Vec<Replayed> {
+    let mut selector = Selector::new(rules.to_vec());
+    let mut filter = SwitchFilter::new(windows);
+    let (mut predictions, mut reasons) = (Vec::new(), Vec::new());
+    let mut replayed = Vec::with_capacity(decisions.len());
+    for decision in decisions {
+        let forced = decision.forced;
+        let mut choice = Choice::Stop;
+        if matches!(forced, Some(Forced::Terrain | Forced::Observation)) {
+            filter.stop_now();
+        } else {
+            predictions.clear();
+            predictions.extend((0..rules.len()).map(|skill| predict(decision, skill)));
+            let [forward, left, yaw_rate] = decision.command;
+            choice = selector.choose(&predictions, &Command::velocity(forward, left, yaw_rate), &mut reasons);
+            let verdict = match filter.active() {
+                Active::Skill(skill) => reasons.get(skill).copied(),
+                Active::Stand => None,
+            };
+            if verdict.is_some_and(Reason::is_out_of_service) {
+                filter.stop_now();
+                choice = Choice::Stop;
+            } else if forced == Some(Forced::ZeroCommand) {
+                filter.stand_now();
+            } else {
+                let viable = verdict.is_none_or(|verdict| matches!(verdict, Reason::Viable { .. }));
+                if let Active::Skill(skill) = filter.step(choice, viable)
+                    && decision.skills.get(skill).is_some_and(|then| then.reason == Reason::PluginFailed)
+                {
+                    selector.retire(skill, Reason::PluginFailed);
+                    filter.stop_now();
+                    choice = Choice::Stop;
+                }
+            }
+        }
+        let name = |skill: usize| rules[skill].name.clone();
+        replayed.push(Replayed {
+            choice: match choice {
+                Choice::Stop => STOP.to_owned(),
+                Choice::Skill(skill) => name(skill),
+            },
+            active: match filter.active() {
+                Active::Stand => STAND.to_owned(),
+                Active::Skill(skill) => name(skill),
+            },
+        });
+    }
+    replayed
+}
+
+/// The recorded predictions under the recorded rules: what must come out as it did.
+pub fn as_recorded(setup: &Setup, decisions: &[Decision]) -> Vec<Replayed> {
+    replay(&setup.rules(), setup.windows(), decisions, |decision, skill| {
+        decision.skills.get(skill).map_or(Prediction::NONE, crate::decision::SkillVerdict::prediction)
+    })
+}

@@ -1,0 +1,108 @@
+//! `run --source stdio`: one JSON object a line, in and out, a tick each, so that any simulator or
+//! robot bridge can drive the loop.
+//!
+//! Reads and writes whatever streams it is given. A line that cannot be used gets an error line with
+//! the stand's joints, and the loop goes on.
+
+mod input;
+mod output;
+#[cfg(test)]
+mod tests;
+
+use std::io::{self, BufRead, Write};
+
+pub use input::parse;
+pub use output::{Greeting, TickLine};
+
+use crate::decision::Decision;
+use crate::observation::ObservationFault;
+use crate::runtime::Runtime;
+use output::ErrorLine;
+
+/// Longest line that is read, bytes: an elevation of 4 m by 2 m at 2 cm has about 200 kB.
+pub const MAX_LINE_BYTES: usize = 4 << 20;
+
+/// What a session came to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Served {
+    /// Lines answered.
+    pub lines: u64,
+    /// Those of them that could not be used.
+    pub errors: u64,
+}
+
+/// Answers every line of `reader` until it ends: the greeting first, then one line out per line in.
+///
+/// `seen` gets every decision, error lines' included.
+///
+/// # Errors
+/// When a stream or `seen` fails; a malformed line is no such error.
+pub fn serve(
+    runtime: &mut Runtime,
+    greeting: &Greeting,
+    mut reader: impl BufRead,
+    mut writer: impl Write,
+    mut seen: impl FnMut(&Decision) -> io::Result<()>,
+) -> io::Result<Served> {
+    let robot = std::sync::Arc::clone(runtime.robot());
+    send(&mut writer, greeting)?;
+    let mut served = Served::default();
+    let mut line = Vec::new();
+    while let Some(read) = read_line(&mut reader, &mut line)? {
+        served.lines += 1;
+        let observed = read.and_then(|()| parse(&line, &robot.description));
+        let (tick, fault) = match observed {
+            Ok(observation) => {
+                let fault = runtime.check(&observation).err();
+                (runtime.tick(&observation), fault)
+            }
+            Err(fault) => (runtime.fault_tick(&fault), Some(fault)),
+        };
+        seen(tick.decision)?;
+        if let Some(fault) = fault {
+            served.errors += 1;
+            send(&mut writer, &ErrorLine::of(&robot.description, &fault, tick.joints))?;
+        } else {
+            send(&mut writer, &TickLine::of(&robot.description, &tick))?;
+        }
+    }
+    Ok(served)
+}
+
+fn send(writer: &mut impl Write, line: &impl serde::Serialize) -> io::Result<()> {
+    serde_json::to_writer(&mut *writer, line)?;
+    writer.write_all(b"\n")?;
+    writer.flush()
+}
+
+/// The next line without its end, `None` at the end of the stream. A line that is too long is
+/// skipped to its end and reported.
+fn read_line(
+    reader: &mut impl BufRead,
+    line: &mut Vec<u8>,
+) -> io::Result<Option<Result<(), ObservationFault>>> {
+    line.clear();
+    let mut length = 0_usize;
+    loop {
+        let available = reader.fill_buf()?;
+        if available.is_empty() && length == 0 {
+            return Ok(None);
+        }
+        let end = available.iter().position(|&byte| byte == b'\n');
+        let taken = end.unwrap_or(available.len());
+        let fits = taken.min(MAX_LINE_BYTES.saturating_sub(line.len()));
+        line.extend_from_slice(&available[..fits]);
+        length += taken;
+        let ended = end.is_some() || available.is_empty();
+        let consumed = taken + usize::from(end.is_some());
+        reader.consume(consumed);
+        if ended {
+            break;
+        }
+    }
+    if length > MAX_LINE_BYTES {
+        let wanted = format!("at most {MAX_LINE_BYTES} bytes");
+        return Ok(Some(Err(ObservationFault::new("line", format!("{length} bytes"), wanted))));
+    }
+    Ok(Some(Ok(())))
+}
