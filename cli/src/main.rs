@@ -66,13 +66,11 @@ fn main() -> ExitCode {
 }
 
 fn dispatch(cli: Cli) -> anyhow::Result<Exit> {
-    match cli.verb {
-        Some(verb) => verb.run(),
-        None => {
-            output::line(&Cli::command().render_long_help().to_string())?;
-            Ok(Exit::Fine)
-        }
+    if let Some(verb) = cli.verb {
+        return verb.run();
     }
+    output::line(&Cli::command().render_long_help().to_string())?;
+    Ok(Exit::Fine)
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! The verbs, one file each: its `Args` and its `run`. To add one: a file here, a line in [`Verb`]
 //! with its summary, a line in [`Verb::run`].
 
+#![allow(clippy::needless_pass_by_value, reason = "every verb has the one signature")]
+
 #[cfg(feature = "sim")]
 mod collect;
 #[cfg(feature = "sim")]
