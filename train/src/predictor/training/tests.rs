@@ -1,0 +1,130 @@
+//! From a data set on disk to models and a card, through the verb itself.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use clap::Parser;
+use vocaloco_core::heightfield::Heightfield;
+use vocaloco_core::predictor::{Predictor, Quantity};
+use vocaloco_sim::collect::CollectConfig;
+use vocaloco_sim::dataset::{Cost, Kind, META_FILE, Meta, RobotId, Row, SCHEMA, SimulatorId, SkillId};
+use vocaloco_sim::dataset::{shard_file, write_shard};
+use vocaloco_sim::rollout::Outcome;
+use vocaloco_sim::stream::{stream, uniform};
+use vocaloco_sim::terrain::TerrainKind;
+
+use super::{Args, run};
+
+const ROWS: u64 = 96;
+
+fn meta(kind: Kind, skill: &str) -> Meta {
+    Meta {
+        schema: SCHEMA,
+        kind,
+        rows: ROWS,
+        rows_per_shard: ROWS,
+        robot: RobotId { name: "anymal_d".into(), files_sha256: BTreeMap::new() },
+        skill: SkillId {
+            name: skill.into(),
+            plugin: "gait".into(),
+            plugin_version: "0.1.0".into(),
+            plugin_source_sha256: None,
+            parameters_sha256: String::new(),
+        },
+        simulator: SimulatorId { name: "rapier3d".into(), version: "0.36.1".into() },
+        config: CollectConfig::new(kind, 1),
+    }
+}
+
+/// A step ahead whose height decides the label; every eighth cost ran out of time.
+fn row(kind: Kind, row: u64) -> Row {
+    let size_m = uniform(&mut stream(row, "test/row", &[]), 0.02, 0.4);
+    let cells_m = std::array::from_fn(|i| [if i > 18 { size_m } else { 0.0 }; 11]);
+    let heightfield = Heightfield { cells_m };
+    let timed_out = kind == Kind::Cot && row.is_multiple_of(8);
+    let outcome = if timed_out { Outcome::Timeout } else { Outcome::Reached };
+    let label = match kind {
+        Kind::Viability => f32::from(u8::from(size_m < 0.2)),
+        Kind::Cot if timed_out => f32::NAN,
+        Kind::Cot => 0.2 + size_m,
+    };
+    let mut heightfield_m = [0.0; 341];
+    heightfield_m.copy_from_slice(heightfield.cells_m.as_flattened());
+    Row {
+        row,
+        seed: row,
+        terrain: TerrainKind::StairsUp,
+        size_m,
+        difficulty: 0.5,
+        spawn: [0.0; 4],
+        spawn_attempts: 1,
+        heightfield_m,
+        field_m: *heightfield.prepare(None).unwrap().as_slice(),
+        label,
+        trainable: !timed_out,
+        rollouts: 1,
+        successes: u32::from(!timed_out),
+        base_collisions: 0,
+        cost: (kind == Kind::Cot).then_some(Cost { outcome, signed: 0.1 }),
+    }
+}
+
+fn data_set(data: &Path, kind: Kind, skill: &str) {
+    let folder = data.join("walk").join(kind.id());
+    std::fs::create_dir_all(&folder).unwrap();
+    meta(kind, skill).write(&folder).unwrap();
+    let rows: Vec<Row> = (0..ROWS).map(|index| row(kind, index)).collect();
+    write_shard(&folder.join(shard_file(0)), kind, &(0..ROWS), &rows).unwrap();
+}
+
+fn train(data: &Path, out: &Path, more: &[&str]) -> anyhow::Result<()> {
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+    let line = ["train", "--skill", "walk", "--data", data.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let line = line.into_iter().chain(["--epochs", "2", "--json"]).chain(more.iter().copied());
+    run(&Line::parse_from(line).args).map(|_| ())
+}
+
+fn read(folder: &Path, file: &str) -> Vec<u8> {
+    std::fs::read(folder.join(file)).unwrap()
+}
+
+#[test]
+fn a_data_set_becomes_two_models_that_load_and_a_card_that_says_whence() {
+    let (data, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    data_set(data.path(), Kind::Viability, "walk");
+    data_set(data.path(), Kind::Cot, "walk");
+    train(data.path(), out.path(), &["--threads", "1"]).unwrap();
+    Predictor::load(&out.path().join("viability.onnx"), Quantity::Viability).unwrap();
+    Predictor::load(&out.path().join("cot.onnx"), Quantity::Cot).unwrap();
+    let card = String::from_utf8(read(out.path(), "CARD.md")).unwrap();
+    let facts =
+        ["## viability.onnx", "## cot.onnx", "--seed 1`", "stairs_up 0.0", "12 rows that ran out of time"];
+    for fact in facts {
+        assert!(card.contains(fact), "{fact} is missing in\n{card}");
+    }
+    // The same once more, on two threads, gives the same bytes; another seed does not.
+    let again = tempfile::tempdir().unwrap();
+    train(data.path(), again.path(), &["--threads", "2"]).unwrap();
+    for file in ["viability.onnx", "cot.onnx", "CARD.md"] {
+        assert_eq!(read(out.path(), file), read(again.path(), file), "{file}");
+    }
+    train(data.path(), again.path(), &["--seed", "2", "--kind", "cot"]).unwrap();
+    assert_eq!(read(out.path(), "viability.onnx"), read(again.path(), "viability.onnx"));
+    assert_ne!(read(out.path(), "cot.onnx"), read(again.path(), "cot.onnx"));
+}
+
+#[test]
+fn a_missing_or_foreign_data_set_is_named_and_nothing_is_written() {
+    let (data, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    data_set(data.path(), Kind::Viability, "walk");
+    let missing = train(data.path(), out.path(), &[]).unwrap_err().to_string();
+    assert!(missing.contains("walk/cot") && missing.contains("collect"), "{missing}");
+    data_set(data.path(), Kind::Cot, "ascend");
+    let foreign = train(data.path(), out.path(), &[]).unwrap_err().to_string();
+    assert!(foreign.contains(META_FILE) && foreign.contains("ascend"), "{foreign}");
+    assert_eq!(std::fs::read_dir(out.path()).unwrap().count(), 0);
+}
