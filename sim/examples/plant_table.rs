@@ -74,12 +74,13 @@ fn high_up() -> BasePose {
     BasePose::from_yaw([0.0, 0.0, 50.0], 0.0)
 }
 
+/// The fastest of 30 rounds of 100 steps of the trot, µs a step.
 fn us_per_step(robot: &Arc<RobotModel>, terrain: &Terrain, engine: Engine) -> f64 {
     let mut plant = Plant::with_engine(robot, terrain, engine);
     let ground = terrain.height_m(1.0, 0.0);
-    let height = robot.description.stand_height_m as f32 + ground + 0.1;
-    let rows: Vec<Vec<JointTarget>> = (0..400).map(|step| targets(&trot(robot, step), 95.0, 3.6)).collect();
-    (0..5)
+    let height = robot.description.stand_height_m as f32 + ground + 0.01;
+    let rows: Vec<Vec<JointTarget>> = (0..100).map(|step| targets(&trot(robot, step), 95.0, 3.6)).collect();
+    (0..30)
         .map(|_| {
             plant.place(&BasePose::from_yaw([1.0, 0.0, height], 0.0), &robot.stand_position_rad());
             let start = Instant::now();
@@ -183,9 +184,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         ("impulse joints, 4 iterations", JointKind::Impulse, 4),
         ("impulse joints, 8 iterations", JointKind::Impulse, 8),
     ];
-    println!(
-        "| plant | flat | stairs | rough | work balance | fall | fall, fine peer | trot | trot, fine peer |"
-    );
+    println!("| engine | flat | stairs | rough | work balance | free fall | trot |");
+    println!("|---|---|---|---|---|---|---|");
     for (name, joints, iterations) in engines {
         let engine = Engine { joints, iterations };
         let [flat_us, stairs_us, rough_us] =
