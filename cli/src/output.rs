@@ -16,7 +16,7 @@ pub(crate) fn line(text: &str) -> io::Result<()> {
 /// Writes one JSON object, indented, for machines and people alike.
 ///
 /// # Errors
-/// As [`line`], or when `value` does not serialise.
+/// As [`line()`], or when `value` does not serialise.
 pub(crate) fn json(value: &impl serde::Serialize) -> io::Result<()> {
     line(&serde_json::to_string_pretty(value)?)
 }

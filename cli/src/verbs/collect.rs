@@ -38,7 +38,7 @@ pub(crate) struct Args {
     /// Go on with what is there
     #[arg(long)]
     resume: bool,
-    /// Folder of data sets; this one goes to <OUT>/<skill>/<kind>
+    /// Folder of data sets; this one goes to OUT/SKILL/KIND
     #[arg(long, default_value = "data", value_name = "OUT")]
     out: PathBuf,
     /// Plant to roll out on
