@@ -1,28 +1,37 @@
-//! Which solids lie below a point: buckets of half a metre, so that a field of 341 heights costs
-//! microseconds on terrain of fifty boxes.
+//! Which solids lie below a point: buckets of half a metre, the highest solid first, so that a field
+//! of 341 heights costs microseconds on any terrain.
 
 use super::Solid;
 
 const BUCKET_M: f32 = 0.5;
 
-/// For each bucket of the map, the solids that reach into it.
+/// For each bucket of the map, the solids that can be the highest somewhere in it.
 #[derive(Clone, Debug)]
 pub(super) struct HeightLookup {
     min_m: [f32; 2],
     rows: usize,
     columns: usize,
-    /// Where each bucket's solids start in `solids`; one more entry than buckets.
+    /// Where each bucket's entries start; one more than buckets.
     starts: Vec<u32>,
-    solids: Vec<u32>,
+    entries: Vec<Entry>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    solid: u32,
+    /// Its highest point, m.
+    top_m: f32,
 }
 
 impl HeightLookup {
     pub(super) fn new(solids: &[Solid], min_m: [f32; 2], max_m: [f32; 2]) -> Self {
         let count = |axis: usize| ((max_m[axis] - min_m[axis]) / BUCKET_M) as usize + 1;
         let (rows, columns) = (count(0), count(1));
-        let extents: Vec<_> = solids.iter().map(Solid::extent_m).collect();
-        let mut lookup = Self { min_m, rows, columns, starts: vec![0], solids: Vec::new() };
-        // A little wider than the bucket, so that rounding in `bucket` can never miss an edge.
+        let mut entries: Vec<Entry> =
+            (0..).zip(solids).map(|(id, solid)| Entry { solid: id, top_m: solid.top_m() }).collect();
+        entries.sort_by(|a, b| b.top_m.total_cmp(&a.top_m));
+        let mut lookup = Self { min_m, rows, columns, starts: vec![0], entries: Vec::new() };
+        // A little wider than the bucket, so that rounding in `height_m` can never miss an edge.
         let slack_m = 1e-3;
         for row in 0..rows {
             for column in 0..columns {
@@ -31,12 +40,19 @@ impl HeightLookup {
                     min_m[1] + column as f32 * BUCKET_M - slack_m,
                 ];
                 let high = low.map(|v| v + BUCKET_M + 2.0 * slack_m);
-                for (id, [from, to]) in extents.iter().enumerate() {
+                for entry in &entries {
+                    let solid = &solids[entry.solid as usize];
+                    let [from, to] = solid.extent_m();
                     if (0..2).all(|axis| from[axis] <= high[axis] && to[axis] >= low[axis]) {
-                        lookup.solids.push(id as u32);
+                        lookup.entries.push(*entry);
+                        let fills = (0..2).all(|axis| from[axis] <= low[axis] && to[axis] >= high[axis]);
+                        // Whatever comes after is buried below this one.
+                        if fills && matches!(solid, Solid::Box { .. }) {
+                            break;
+                        }
                     }
                 }
-                lookup.starts.push(lookup.solids.len() as u32);
+                lookup.starts.push(lookup.entries.len() as u32);
             }
         }
         lookup
@@ -47,10 +63,13 @@ impl HeightLookup {
         let row = (((x_m - self.min_m[0]) / BUCKET_M) as usize).min(self.rows - 1);
         let column = (((y_m - self.min_m[1]) / BUCKET_M) as usize).min(self.columns - 1);
         let bucket = row * self.columns + column;
-        let below = &self.solids[self.starts[bucket] as usize..self.starts[bucket + 1] as usize];
+        let entries = &self.entries[self.starts[bucket] as usize..self.starts[bucket + 1] as usize];
         let mut height_m = f32::NEG_INFINITY;
-        for id in below {
-            height_m = height_m.max(solids[*id as usize].height_m(x_m, y_m));
+        for entry in entries {
+            if height_m >= entry.top_m {
+                break;
+            }
+            height_m = height_m.max(solids[entry.solid as usize].height_m(x_m, y_m));
         }
         if height_m.is_finite() { height_m } else { f32::NAN }
     }

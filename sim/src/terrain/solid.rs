@@ -94,6 +94,14 @@ impl Solid {
         }
     }
 
+    /// Height of the highest point, m.
+    pub(super) fn top_m(&self) -> f32 {
+        match self {
+            Self::Box { centre_m, half_extents_m } => centre_m[2] + half_extents_m[2],
+            Self::Grid { heights_m, .. } => heights_m.iter().copied().fold(f32::NEG_INFINITY, f32::max),
+        }
+    }
+
     /// Smallest and largest x and y, m.
     pub(super) fn extent_m(&self) -> [[f32; 2]; 2] {
         match self {

@@ -51,6 +51,23 @@ fn height_matches_the_collider() {
 }
 
 #[test]
+fn the_lookup_finds_the_highest_of_all_solids() {
+    for (kind, size_m) in
+        [(TerrainKind::Discrete, 0.2), (TerrainKind::StairsDown, 0.1), (TerrainKind::Gap, 0.3)]
+    {
+        let terrain = Terrain::tile(kind, size_m, 8);
+        let mut rng = stream(2, "points", &[kind as u64]);
+        for n in 0..5000 {
+            let x_m = uniform(&mut rng, terrain.min_m[0], terrain.max_m[0]);
+            let y_m = uniform(&mut rng, terrain.min_m[1], terrain.max_m[1]);
+            let highest_m =
+                terrain.solids.iter().map(|solid| solid.height_m(x_m, y_m)).fold(f32::NEG_INFINITY, f32::max);
+            assert_eq!(terrain.height_m(x_m, y_m), highest_m, "{kind} point {n} ({x_m}, {y_m})");
+        }
+    }
+}
+
+#[test]
 fn a_gap_is_not_read_as_a_wall() {
     let gap = Terrain::tile(TerrainKind::Gap, 0.5, 0);
     // Base 1 m before the edge at x = 1.8 m: the gap spans 1.0 to 1.5 m ahead, rows 20 to 25.
