@@ -28,7 +28,7 @@ pub struct Range {
 /// A rectangle of terrain heights that a plugin asks for each tick, yaw-aligned with the base.
 ///
 /// Rows run from `back_m` behind the base to `front_m` ahead, columns from `half_width_m` left (+y)
-/// to the same distance right; see [`RobotState::terrain`](crate::RobotState::terrain).
+/// to the same distance right; see [`RobotState::terrain_m`](crate::RobotState::terrain_m).
 #[repr(C)]
 #[derive(StableAbi, Clone, Copy, Debug, PartialEq)]
 pub struct TerrainPatch {

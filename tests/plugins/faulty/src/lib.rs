@@ -1,5 +1,5 @@
 //! A plugin that holds the stand and misbehaves as its parameter text says: `fault after_ticks`, such
-//! as `panic 10`; see [`Fault`]. It uses the interface crate alone, as a plugin may.
+//! as `panic 10`; see `Fault`. It uses the interface crate alone, as a plugin may.
 
 use vocaloco_plugin_api::abi::abi_stable::std_types::{RNone, RVec};
 use vocaloco_plugin_api::{
