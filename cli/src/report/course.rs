@@ -129,7 +129,7 @@ impl PackedCourse {
             legs: lines.len(),
             leg_points: lines.first().map_or(0, Vec::len),
             base_boxes: base_boxes(robot),
-            terrain: boxes(terrain),
+            terrain: strips(terrain),
             names: series.names,
             texts: series.texts.list,
             motion: base64(&little_endian(&series.motion)),
@@ -285,10 +285,59 @@ fn base_boxes(robot: &RobotModel) -> Vec<[[f64; 3]; 2]> {
     vec![[at(|low, high| 0.5 * (low + high)), at(|low, high| 0.5 * (high - low))]]
 }
 
-fn boxes(terrain: &Terrain) -> Vec<[f32; 6]> {
-    let solids = terrain.solids.iter().filter_map(|solid| match solid {
-        Solid::Box { centre_m: [x, y, z], half_extents_m: [hx, hy, hz] } => Some([*x, *y, *z, *hx, *hy, *hz]),
-        Solid::Grid { .. } => None,
-    });
-    solids.collect()
+/// The ground as boxes side by side along x, each of one height: courses do not vary across, and
+/// boxes that overlap could not be painted back to front.
+fn strips(terrain: &Terrain) -> Vec<[f32; 6]> {
+    let [[low_x, low_y], [high_x, high_y]] = [terrain.min_m, terrain.max_m];
+    let mut edges_m = vec![low_x, high_x];
+    for solid in &terrain.solids {
+        if let Solid::Box { centre_m, half_extents_m } = solid {
+            edges_m.extend([centre_m[0] - half_extents_m[0], centre_m[0] + half_extents_m[0]]);
+        }
+    }
+    edges_m.retain(|x| (low_x..=high_x).contains(x));
+    edges_m.sort_by(f32::total_cmp);
+    edges_m.dedup_by(|a, b| (*a - *b).abs() < 1e-4);
+    let middle_y = 0.5 * (low_y + high_y);
+    let height_m = |pair: &[f32]| terrain.height_m(0.5 * (pair[0] + pair[1]), middle_y);
+    let floor_m = edges_m.windows(2).map(height_m).fold(f32::INFINITY, f32::min) - 0.5;
+    edges_m
+        .windows(2)
+        .map(|pair| {
+            let half_z = 0.5 * (height_m(pair) - floor_m);
+            let centre = [0.5 * (pair[0] + pair[1]), middle_y, floor_m + half_z];
+            let half = [0.5 * (pair[1] - pair[0]), 0.5 * (high_y - low_y), half_z];
+            [centre[0], centre[1], centre[2], half[0], half[1], half[2]]
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use vocaloco_sim::terrain::CourseKind;
+
+    use super::*;
+
+    #[test]
+    fn strips_have_the_ground_of_the_course_and_do_not_overlap() {
+        for kind in CourseKind::ALL {
+            let terrain = Terrain::course(kind, 0.12, 3);
+            let strips = strips(&terrain);
+            assert_eq!(strips.len(), 4, "{kind:?}: three steps part four levels");
+            for pair in strips.windows(2) {
+                let gap_m = (pair[1][0] - pair[1][3]) - (pair[0][0] + pair[0][3]);
+                assert!(gap_m.abs() < 1e-4, "{kind:?}: {gap_m} m apart");
+            }
+            for [x, y, z, _, _, half_z] in strips {
+                assert!((terrain.height_m(x, y) - (z + half_z)).abs() < 1e-5, "{kind:?} at x {x} m");
+            }
+        }
+    }
+
+    #[test]
+    fn texts_are_kept_once() {
+        let mut texts = Texts::default();
+        let indices = ["a", "b", "a"].map(|text| texts.of(text));
+        assert_eq!((indices, texts.list), ([0, 1, 0], vec!["a".to_owned(), "b".to_owned()]));
+    }
 }

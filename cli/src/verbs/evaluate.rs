@@ -1,5 +1,8 @@
 //! `evaluate`: measures skills by the protocol. One file an experiment, below.
 
+mod calibration;
+mod calibration_page;
+mod success;
 mod viability;
 
 use crate::exit::Exit;
@@ -14,10 +17,16 @@ pub(crate) struct Args {
 enum Experiment {
     /// One skill by the collection protocol, one rollout per fresh pose
     Viability(viability::Args),
+    /// Predicted against collected viability and cost of transport, by size
+    Calibration(calibration::Args),
+    /// A course with the selector or one skill alone, by step height
+    Success(success::Args),
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
     match args.experiment {
         Experiment::Viability(args) => viability::run(&args),
+        Experiment::Calibration(args) => calibration::run(&args),
+        Experiment::Success(args) => success::run(&args),
     }
 }

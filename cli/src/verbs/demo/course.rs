@@ -1,10 +1,11 @@
 //! The stage of the demo: loads the deployment for each course, drives it, keeps its log.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context as _;
-use serde_json::json;
+use serde::Serialize;
 use vocaloco_core::{
     decision_log::{LogWriter, Setup},
     installation::Installation,
@@ -13,9 +14,10 @@ use vocaloco_core::{
     runtime::Runtime,
 };
 use vocaloco_sim::{
-    course::{CourseConfig, CourseRun, CourseStage, Outcome, SelectorPilot, drive},
+    course::{CourseConfig, CourseRun, CourseStage, FORWARD_M_PER_S, Outcome, SelectorPilot, drive},
     driver::SensorNoise,
     plant::PlantKind,
+    spawn::SpawnRules,
     terrain::{CourseKind, Terrain},
 };
 
@@ -128,45 +130,71 @@ impl Stage {
     }
 
     /// The fully expanded configuration, with the command that repeats it.
-    pub(super) fn config(&self, command: &str, driven: &[Driven]) -> serde_json::Value {
-        let courses: Vec<_> = driven
-            .iter()
-            .map(|Driven { run, .. }| {
-                let config = self.course(run.kind, run.size_m);
-                json!({
-                    "course": run.kind.id(),
-                    "size_m": run.size_m,
-                    "steps": run.steps,
-                    "start_m": config.start_m,
-                    "spawn": config.spawn,
-                })
-            })
-            .collect();
-        let noise = self.course(CourseKind::StairsUp, 0.12).noise;
-        json!({
-            "schema": 1,
-            "command": command,
-            "seed": self.seed,
-            "version": env!("CARGO_PKG_VERSION"),
-            "deployment": self.deployment,
-            "robot": self.robot.name,
-            "robot_files": self.robot.file_hashes,
-            "plant": PlantKind::Reference.id(),
-            "switch_window": self.switch_window,
-            "skills": self.thresholds.iter().map(|(name, threshold)| json!({
-                "name": name, "viability_threshold": threshold,
-            })).collect::<Vec<_>>(),
-            "command_forward_m_per_s": vocaloco_sim::course::FORWARD_M_PER_S,
-            "field_noise_m": self.field_noise_m,
-            "sensor_noise": {
-                "joint_position_rad": noise.joint_position_rad,
-                "joint_velocity_rad_per_s": noise.joint_velocity_rad_per_s,
-                "linear_velocity_m_per_s": noise.linear_velocity_m_per_s,
-                "angular_velocity_rad_per_s": noise.angular_velocity_rad_per_s,
-                "gravity": noise.gravity,
-                "patch_m": noise.patch_m,
-            },
-            "courses": courses,
-        })
+    pub(super) fn config(&self, command: &str, driven: &[Driven]) -> Config {
+        let courses = driven.iter().map(|Driven { run, .. }| {
+            let CourseConfig { kind, size_m, steps, start_m, spawn, noise, field_noise_m, .. } =
+                self.course(run.kind, run.size_m);
+            CourseEntry {
+                course: kind.id(),
+                size_m,
+                steps,
+                start_m,
+                spawn,
+                field_noise_m,
+                joint_position_noise_rad: noise.joint_position_rad,
+                joint_velocity_noise_rad_per_s: noise.joint_velocity_rad_per_s,
+                linear_velocity_noise_m_per_s: noise.linear_velocity_m_per_s,
+                angular_velocity_noise_rad_per_s: noise.angular_velocity_rad_per_s,
+                gravity_noise: noise.gravity,
+                patch_noise_m: noise.patch_m,
+            }
+        });
+        Config {
+            schema: 1,
+            command: command.to_owned(),
+            seed: self.seed,
+            version: env!("CARGO_PKG_VERSION"),
+            deployment: self.deployment.clone(),
+            robot: self.robot.name.clone(),
+            robot_files: self.robot.file_hashes.iter().cloned().collect(),
+            plant: PlantKind::Reference.id(),
+            switch_window: self.switch_window,
+            viability_thresholds: self.thresholds.iter().cloned().collect(),
+            forward_m_per_s: FORWARD_M_PER_S,
+            courses: courses.collect(),
+        }
     }
+}
+
+/// `config.json`.
+#[derive(Serialize)]
+pub(super) struct Config {
+    schema: u32,
+    command: String,
+    seed: u64,
+    version: &'static str,
+    deployment: String,
+    robot: String,
+    robot_files: BTreeMap<String, String>,
+    plant: &'static str,
+    switch_window: usize,
+    viability_thresholds: BTreeMap<String, f32>,
+    forward_m_per_s: f32,
+    courses: Vec<CourseEntry>,
+}
+
+#[derive(Serialize)]
+struct CourseEntry {
+    course: &'static str,
+    size_m: f32,
+    steps: usize,
+    start_m: [f32; 2],
+    spawn: SpawnRules,
+    field_noise_m: f32,
+    joint_position_noise_rad: f32,
+    joint_velocity_noise_rad_per_s: f32,
+    linear_velocity_noise_m_per_s: f32,
+    angular_velocity_noise_rad_per_s: f32,
+    gravity_noise: f32,
+    patch_noise_m: f32,
 }
