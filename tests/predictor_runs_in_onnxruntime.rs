@@ -63,9 +63,7 @@ fn exported_networks_answer_as_the_training_kernel() {
     let cells: Vec<_> = fields.iter().map(Field::as_slice).collect();
     let (mut files, mut wanted) = (Vec::new(), Vec::new());
     for (seed, (head, _)) in (1..).zip(HEADS) {
-        let scale = 2.0;
-        let start = start_values(&mut stream(seed, "test/onnxruntime", &[]));
-        let parameters: Vec<f32> = start.iter().map(|p| scale * p).collect();
+        let parameters = start_values(&mut stream(seed, "test/onnxruntime", &[]));
         let origin =
             Origin { skill: "test".into(), robot: "anymal_d".into(), data_sha256: String::new(), seed };
         let file = folder.path().join(format!("{}.onnx", output_name(head)));
