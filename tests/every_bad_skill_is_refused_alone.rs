@@ -177,7 +177,7 @@ fn a_joint_that_the_robot_lacks() {
                 MANIFEST,
                 "[selection]",
                 "[contract]\njoints = [\"LF_HAA\", \"LF_HIP\"]\n\n[selection]",
-            )
+            );
         },
         &[MANIFEST, "contract.joints[1]", "\"LF_HIP\"", "joints of anymal_d", "RH_KFE"],
     );

@@ -60,7 +60,9 @@ impl Measured {
             linear: [0.4 + 0.1 * wave(0.0), 0.05 * wave(1.0), 0.02 * wave(2.0)],
             angular: [0.1 * wave(3.0), 0.1 * wave(4.0), 0.05 * wave(5.0)],
             gravity: [0.02, roll, -libm::sqrtf(1.0 - 0.02 * 0.02 - roll * roll)],
-            contact: (0..description.feet.len()).map(|foot| u8::from((tick / 12 + foot) % 2 == 0)).collect(),
+            contact: (0..description.feet.len())
+                .map(|foot| u8::from((tick / 12 + foot).is_multiple_of(2)))
+                .collect(),
             terrain_m: (0..points).map(|point| ground_m + 0.01 * wave(point as f64)).collect(),
         }
     }
@@ -226,10 +228,13 @@ fn nan_and_infinity_are_an_error_or_survived_and_never_a_panic() {
     }
 }
 
+/// What gives one array of a measurement another length.
+type Cut = (&'static str, fn(&mut Measured));
+
 #[test]
 fn arrays_of_another_length_are_an_error_that_names_them() {
     let robot = robot();
-    let cuts: [(&str, fn(&mut Measured)); 3] = [
+    let cuts: [Cut; 3] = [
         ("joint_position_rad", |it| it.position_rad.truncate(11)),
         ("joint_velocity_rad_per_s", |it| it.velocity_rad_per_s.push(0.0)),
         ("terrain_m", |it| it.terrain_m.truncate(5)),

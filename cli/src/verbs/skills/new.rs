@@ -18,7 +18,7 @@ use crate::verbs::Shared;
 pub(crate) struct Args {
     #[command(flatten)]
     shared: Shared,
-    /// Name of the skill and of its plugin, in snake_case
+    /// Name of the skill and of its plugin: lower case, digits and underscores
     #[arg(value_name = "NAME")]
     name: String,
     /// Folder of plugin crates, relative to the installation
