@@ -4,20 +4,19 @@
 use std::collections::BTreeMap;
 
 use serde::Serialize;
-use vocaloco_core::{
-    decision::Decision,
-    heightfield::Field,
-    robot::{RobotModel, Role, ShapeKind},
-};
+use vocaloco_core::{decision::Decision, heightfield::Field, robot::RobotModel};
 use vocaloco_sim::{
     course::{CourseRun, Switch},
     driver::TICK_S,
     kinematics::{forward_kinematics, legs},
     plant::BasePose,
-    terrain::{Solid, Terrain},
+    terrain::Terrain,
 };
 
-use super::base64::base64;
+use super::{
+    base64::base64,
+    shapes::{base_boxes, strips},
+};
 
 /// The heightfield is kept every so many ticks.
 const FIELD_EVERY: usize = 2;
@@ -254,84 +253,68 @@ fn little_endian(values: &[i16]) -> Vec<u8> {
     values.iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
-/// The box around all of the base's shapes.
-fn base_boxes(robot: &RobotModel) -> Vec<[[f64; 3]; 2]> {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    let shapes = robot.links.iter().flat_map(|link| &link.shapes).filter(|shape| shape.role == Role::Base);
-    for shape in shapes {
-        let turned = BasePose {
-            position_m: [0.0; 3],
-            orientation_xyzw: shape.orientation_in_link_xyzw.map(|part| part as f32),
-        };
-        let along = |axis: [f32; 3]| turned.vector_in_world(axis).map(|part| f64::from(part.abs()));
-        let (x, y, z) = (along([1.0, 0.0, 0.0]), along([0.0, 1.0, 0.0]), along([0.0, 0.0, 1.0]));
-        for axis in 0..3 {
-            let half = match shape.kind {
-                ShapeKind::Sphere { radius_m } => radius_m,
-                ShapeKind::Capsule { radius_m, half_length_m } => z[axis] * half_length_m + radius_m,
-                ShapeKind::Cylinder { radius_m, half_length_m } => {
-                    z[axis] * half_length_m + (x[axis] + y[axis]) * radius_m
-                }
-                ShapeKind::Box { half_extents_m: [a, b, c] } => x[axis] * a + y[axis] * b + z[axis] * c,
-            };
-            low[axis] = low[axis].min(shape.centre_in_link_m[axis] - half);
-            high[axis] = high[axis].max(shape.centre_in_link_m[axis] + half);
-        }
-    }
-    if low[0] > high[0] {
-        return Vec::new();
-    }
-    let at = |f: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| f(low[axis], high[axis]));
-    vec![[at(|low, high| 0.5 * (low + high)), at(|low, high| 0.5 * (high - low))]]
-}
-
-/// The ground as boxes side by side along x, each of one height: courses do not vary across, and
-/// boxes that overlap could not be painted back to front.
-fn strips(terrain: &Terrain) -> Vec<[f32; 6]> {
-    let [[low_x, low_y], [high_x, high_y]] = [terrain.min_m, terrain.max_m];
-    let mut edges_m = vec![low_x, high_x];
-    for solid in &terrain.solids {
-        if let Solid::Box { centre_m, half_extents_m } = solid {
-            edges_m.extend([centre_m[0] - half_extents_m[0], centre_m[0] + half_extents_m[0]]);
-        }
-    }
-    edges_m.retain(|x| (low_x..=high_x).contains(x));
-    edges_m.sort_by(f32::total_cmp);
-    edges_m.dedup_by(|a, b| (*a - *b).abs() < 1e-4);
-    let middle_y = 0.5 * (low_y + high_y);
-    let height_m = |pair: &[f32]| terrain.height_m(0.5 * (pair[0] + pair[1]), middle_y);
-    let floor_m = edges_m.windows(2).map(height_m).fold(f32::INFINITY, f32::min) - 0.5;
-    edges_m
-        .windows(2)
-        .map(|pair| {
-            let half_z = 0.5 * (height_m(pair) - floor_m);
-            let centre = [0.5 * (pair[0] + pair[1]), middle_y, floor_m + half_z];
-            let half = [0.5 * (pair[1] - pair[0]), 0.5 * (high_y - low_y), half_z];
-            [centre[0], centre[1], centre[2], half[0], half[1], half[2]]
-        })
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
-    use vocaloco_sim::terrain::CourseKind;
+    use vocaloco_sim::{
+        course::{CourseTick, Outcome},
+        terrain::CourseKind,
+    };
 
     use super::*;
 
     #[test]
-    fn strips_have_the_ground_of_the_course_and_do_not_overlap() {
-        for kind in CourseKind::ALL {
-            let terrain = Terrain::course(kind, 0.12, 3);
-            let strips = strips(&terrain);
-            assert_eq!(strips.len(), 4, "{kind:?}: three steps part four levels");
-            for pair in strips.windows(2) {
-                let gap_m = (pair[1][0] - pair[1][3]) - (pair[0][0] + pair[0][3]);
-                assert!(gap_m.abs() < 1e-4, "{kind:?}: {gap_m} m apart");
-            }
-            for [x, y, z, _, _, half_z] in strips {
-                assert!((terrain.height_m(x, y) - (z + half_z)).abs() < 1e-5, "{kind:?} at x {x} m");
-            }
+    fn every_series_has_a_value_for_every_tick() {
+        let robots = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../manifests/robots");
+        let robot = RobotModel::load(&robots, "anymal_d").unwrap();
+        let tick = |n: u64| CourseTick {
+            decision: Some(Decision {
+                tick: 40 + n,
+                choice: "walk".to_owned(),
+                active: "stand".to_owned(),
+                reason: format!("{n} of 10"),
+                ..Decision::default()
+            }),
+            base: BasePose::from_yaw([-1.25, 0.5, 0.6], 0.3),
+            joint_position_rad: robot.stand_position_rad(),
+            foot_contact: vec![true, false, false, true],
+        };
+        let run = CourseRun {
+            kind: CourseKind::StairsUp,
+            size_m: 0.12,
+            steps: 3,
+            outcome: Outcome::Stopped,
+            duration_s: 0.1,
+            distance_m: 0.0,
+            cot: None,
+            cot_signed: None,
+            switches: Vec::new(),
+            nonfoot_contact: false,
+            ticks: (0..5).map(tick).collect(),
+        };
+        let story = Story {
+            id: "up".to_owned(),
+            title: String::new(),
+            summary: String::new(),
+            expected: "stopped".to_owned(),
+            as_expected: true,
+        };
+        let thresholds = [("walk".to_owned(), 0.95), ("ascend".to_owned(), 0.925)];
+        let terrain = Terrain::course(run.kind, run.size_m, run.steps);
+        let packed = PackedCourse::new(story, &run, &robot, &terrain, &thresholds);
+        let length = |text: &str| text.len() / 4 * 3 - text.matches('=').count();
+        assert_eq!((packed.ticks, packed.first_tick, packed.legs, packed.leg_points), (5, 40, 4, 4));
+        assert_eq!(length(&packed.motion), 5 * (7 + 4 * 4 * 3) * 2);
+        assert_eq!(length(&packed.predictions), 5 * 2 * 2 * 2);
+        assert_eq!(length(&packed.verdict), 5 * 2 * 2);
+        for series in [&packed.viable, &packed.contact, &packed.choice, &packed.active] {
+            assert_eq!(length(series), 5);
         }
+        assert_eq!(length(&packed.field), 3 * 341, "every other tick");
+        assert_eq!(packed.contact, base64(&[0b1001; 5]), "the first and the last foot");
+        assert_eq!((packed.choice, packed.active), (base64(&[2; 5]), base64(&[1; 5])));
+        // x −1.25 m, y 0.5 m, z 0.6 m, in millimetres.
+        let first = base64(&[0x1e, 0xfb, 0xf4, 0x01, 0x58, 0x02]);
+        assert!(packed.motion.starts_with(&first), "{} for {first}", &packed.motion[..8]);
     }
 
     #[test]

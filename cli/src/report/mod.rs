@@ -3,6 +3,7 @@
 
 mod base64;
 mod course;
+mod shapes;
 
 use serde::Serialize;
 
@@ -53,5 +54,41 @@ impl Report {
             page = page.replacen(slot, content, 1);
         }
         Ok(page)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report(lead: &str) -> String {
+        let report = Report {
+            version: "1.2.3",
+            command: "vocaloco demo --seed 7".to_owned(),
+            seed: 7,
+            backend: "tract".to_owned(),
+            lead: lead.to_owned(),
+            field_caption: String::new(),
+            palette: vec!["walk".to_owned()],
+            courses: Vec::new(),
+        };
+        report.html().unwrap()
+    }
+
+    #[test]
+    fn no_text_can_end_the_data_early() {
+        let page = report("</script><script>alert(1)</script>");
+        assert_eq!(page.matches("</script>").count(), 2, "the data's own and the code's own");
+        assert!(page.contains("\\u003c/script>"));
+    }
+
+    #[test]
+    fn every_slot_is_filled_and_nothing_is_fetched() {
+        let page = report("A sentence.");
+        assert!(!page.contains("{{"), "a slot is left");
+        // Links within the page and the names of SVG's elements are no requests.
+        for request in ["src=", "href=\"http", "@import", "url(", "fetch(", "XMLHttpRequest", "import("] {
+            assert!(!page.contains(request), "the page holds {request}");
+        }
     }
 }

@@ -108,8 +108,10 @@ impl Stage {
     /// The lowest steps on which the skill made for them is chosen, if there are any.
     pub(super) fn lowest_with_a_switch(&self, kind: CourseKind) -> anyhow::Result<Option<Driven>> {
         for size_cm in SEARCHED_CM.step_by(2) {
-            let driven = self.drive(kind, f32::from(size_cm) / 100.0, Outcome::Reached)?;
+            let mut driven = self.drive(kind, f32::from(size_cm) / 100.0, Outcome::Reached)?;
             if !driven.walked_through() {
+                let lead = "The lowest steps, searched by 2 cm, that walk alone does not take.";
+                driven.story.summary = format!("{lead} {}", driven.story.summary);
                 return Ok(Some(driven));
             }
         }
