@@ -1,14 +1,100 @@
-//! `run`: placeholder until its owner fills it.
+//! `run`: the 50 Hz loop of a deployment, fed by the simulator, by lines on stdin, or by a log.
+
+#[cfg(feature = "sim")]
+mod course;
+mod replay;
+mod stdio;
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use anyhow::Context as _;
+use vocaloco_core::installation::Installation;
+use vocaloco_core::registry::{LoadedDeployment, load_deployment};
 
 use super::Shared;
 use crate::exit::Exit;
 
+/// Runs the 50 Hz loop of a deployment.
+///
+/// `--source stdio`: one JSON object a line in, one a line out, a greeting first; stdin's end is a
+/// clean stop, and exit code 1 says that a line could not be used. `--source sim`: a course in the
+/// simulator. `--source replay:FILE`: decides the fields of a log over again and compares; exit
+/// code 1 when anything comes out otherwise.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     shared: Shared,
+    /// Deployment whose skills may run
+    #[arg(long, default_value = "anymal_stairs", value_name = "NAME")]
+    deployment: String,
+    /// sim, stdio or replay:FILE
+    #[arg(long, value_name = "SOURCE")]
+    source: Source,
+    /// Write every decision to this MCAP file
+    #[arg(long, value_name = "FILE")]
+    log: Option<PathBuf>,
+    #[cfg(feature = "sim")]
+    #[command(flatten)]
+    course: course::CourseArgs,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Source {
+    Sim,
+    Stdio,
+    Replay(PathBuf),
+}
+
+impl FromStr for Source {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match (text, text.strip_prefix("replay:")) {
+            ("sim", _) => Ok(Self::Sim),
+            ("stdio", _) => Ok(Self::Stdio),
+            (_, Some(file)) if !file.is_empty() => Ok(Self::Replay(file.into())),
+            _ => Err(format!("found {text:?}, wanted sim, stdio or replay:FILE")),
+        }
+    }
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
-    anyhow::bail!("`run` is not built yet (json {}, seed {})", args.shared.json, args.shared.seed)
+    match &args.source {
+        Source::Stdio => stdio::run(&args),
+        Source::Replay(file) => replay::run(&args, file),
+        #[cfg(feature = "sim")]
+        Source::Sim => course::run(&args),
+        #[cfg(not(feature = "sim"))]
+        Source::Sim => {
+            anyhow::bail!("--source: found sim, wanted stdio or replay:FILE in a build without `sim`")
+        }
+    }
+}
+
+/// The deployment, each refused skill named on stderr, and those lines.
+fn load(args: &Args) -> anyhow::Result<(LoadedDeployment, Vec<String>)> {
+    let installation = Installation::find().context("no installation")?;
+    let loaded = load_deployment(&installation, &args.deployment)
+        .with_context(|| format!("deployment `{}`", args.deployment))?;
+    let refused: Vec<String> = loaded.refused.iter().map(ToString::to_string).collect();
+    for line in &refused {
+        eprintln!("refused: {line}");
+    }
+    Ok((loaded, refused))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_source_is_sim_stdio_or_the_replay_of_a_file() {
+        assert_eq!("sim".parse(), Ok(Source::Sim));
+        assert_eq!("stdio".parse(), Ok(Source::Stdio));
+        assert_eq!("replay:out/a.mcap".parse(), Ok(Source::Replay("out/a.mcap".into())));
+        for wrong in ["", "ros2", "replay", "replay:"] {
+            assert!(wrong.parse::<Source>().is_err(), "{wrong}");
+        }
+    }
 }

@@ -1,0 +1,138 @@
+//! `run --source sim`: a course in the simulator, on simulated time.
+
+use serde::Serialize;
+use vocaloco_core::decision_log::{LogWriter, Setup};
+use vocaloco_core::predictor::backend;
+use vocaloco_core::runtime::Runtime;
+use vocaloco_sim::course::{CourseConfig, CourseRun, CourseStage, Outcome, SelectorPilot, Switch, drive};
+use vocaloco_sim::driver::SensorNoise;
+use vocaloco_sim::terrain::CourseKind;
+
+use super::{Args, load};
+use crate::exit::Exit;
+use crate::{output, progress};
+
+#[derive(clap::Args)]
+pub(super) struct CourseArgs {
+    /// Course of --source sim: `stairs_up` or `stairs_down`
+    #[arg(long, default_value = "stairs_up", value_name = "COURSE", value_parser = course)]
+    course: CourseKind,
+    /// Step height of the course, m
+    #[arg(long, default_value_t = 0.12, value_name = "M")]
+    size_m: f32,
+    /// Number of steps of the course
+    #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=50))]
+    steps: u16,
+    /// Half-width of the noise on every height that the predictors see, m
+    #[arg(long, default_value_t = 0.1, value_name = "M")]
+    field_noise_m: f32,
+    /// Half-width of the noise on every height that the skills see, m
+    #[arg(long, default_value_t = 0.02, value_name = "M")]
+    patch_noise_m: f32,
+}
+
+fn course(text: &str) -> Result<CourseKind, String> {
+    let ids = CourseKind::ALL.map(CourseKind::id).join(" or ");
+    CourseKind::from_id(text).ok_or_else(|| format!("found {text:?}, wanted {ids}"))
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    command: String,
+    seed: u64,
+    version: &'static str,
+    backend: String,
+    course: &'static str,
+    size_m: f32,
+    steps: usize,
+    field_noise_m: f32,
+    patch_noise_m: f32,
+    outcome: Outcome,
+    duration_s: f64,
+    distance_m: f64,
+    cot: Option<f64>,
+    switches: &'a [Switch],
+    refused: Vec<String>,
+}
+
+pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
+    let course = &args.course;
+    for (flag, found, least, most) in [
+        ("--size-m", course.size_m, 0.0, 2.0),
+        ("--field-noise-m", course.field_noise_m, 0.0, 1.0),
+        ("--patch-noise-m", course.patch_noise_m, 0.0, 1.0),
+    ] {
+        anyhow::ensure!((least..=most).contains(&found), "{flag}: found {found}, wanted {least} to {most} m");
+    }
+    let config = CourseConfig {
+        steps: usize::from(course.steps),
+        noise: SensorNoise { patch_m: course.patch_noise_m, ..SensorNoise::default() },
+        field_noise_m: course.field_noise_m,
+        ..CourseConfig::demo(course.course, course.size_m, args.shared.seed)
+    };
+    let (loaded, refused) = load(args)?;
+    let mut runtime = Runtime::new(loaded)?;
+    let setup = Setup::of(&runtime, &args.deployment);
+    let spinner = progress::spinner("driving");
+    let CourseStage { terrain, mut plant } = CourseStage::set(runtime.robot(), &config)?;
+    let run = drive(&config, &mut SelectorPilot::new(&config, &mut plant, &terrain, &mut runtime))?;
+    spinner.finish_and_clear();
+    if let Some(file) = &args.log {
+        let mut log = LogWriter::create(file, &setup)?;
+        for decision in run.ticks.iter().filter_map(|tick| tick.decision.as_ref()) {
+            log.write(decision)?;
+        }
+        log.finish()?;
+    }
+    let report = Report {
+        command: command(args),
+        seed: args.shared.seed,
+        version: env!("CARGO_PKG_VERSION"),
+        backend: format!("{} {}", backend().name, backend().version),
+        course: run.kind.id(),
+        size_m: run.size_m,
+        steps: run.steps,
+        field_noise_m: course.field_noise_m,
+        patch_noise_m: course.patch_noise_m,
+        outcome: run.outcome,
+        duration_s: run.duration_s,
+        distance_m: run.distance_m,
+        cot: run.cot,
+        switches: &run.switches,
+        refused,
+    };
+    if args.shared.json {
+        output::json(&report)?
+    } else {
+        say(&run, &report)?
+    }
+    Ok(Exit::Fine)
+}
+
+fn command(args: &Args) -> String {
+    let course = &args.course;
+    format!(
+        "vocaloco run --deployment {} --source sim --course {} --size-m {} --steps {} --field-noise-m {} \
+         --patch-noise-m {} --seed {}",
+        args.deployment,
+        course.course.id(),
+        course.size_m,
+        course.steps,
+        course.field_noise_m,
+        course.patch_noise_m,
+        args.shared.seed
+    )
+}
+
+fn say(run: &CourseRun, report: &Report<'_>) -> anyhow::Result<()> {
+    for switch in &run.switches {
+        output::line(&format!("{:8.2} s  {} → {}", switch.t_s, switch.from, switch.to))?;
+    }
+    let cot = run.cot.map_or_else(|| "none".to_owned(), |cot| format!("{cot:.2}"));
+    output::line(&format!(
+        "{:8.2} s  {} after {:.2} m, cost of transport {cot} ({})",
+        run.duration_s, run.outcome, run.distance_m, report.backend
+    ))?;
+    eprintln!("{}", report.command);
+    Ok(())
+}

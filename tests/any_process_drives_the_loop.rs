@@ -1,0 +1,188 @@
+//! `vocaloco run --source stdio`, as a bridge sees it: greeting, lock-step, exit codes, and a log that
+//! explains and replays itself.
+
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+use serde_json::{Value, json};
+use vocaloco_tests::{Fixture, plugin_folder, shipped};
+
+fn vocaloco(root: &Path, arguments: &[&str], input: &str) -> Output {
+    let mut child = Command::new(plugin_folder().join("vocaloco"))
+        .args(arguments)
+        .env("VOCALOCO_ROOT", root)
+        .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut stdin = child.stdin.take().expect("a pipe");
+    let input = input.to_owned();
+    // From a thread of its own: both pipes fill up in a long session. A program that ends early closes
+    // its end, which is for its exit code to say.
+    let bridge = std::thread::spawn(move || drop(stdin.write_all(input.as_bytes())));
+    let output = child.wait_with_output().expect("the program ends");
+    bridge.join().expect("the input is written");
+    output
+}
+
+fn lines(output: &Output) -> Vec<Value> {
+    let text = String::from_utf8(output.stdout.clone()).expect("UTF-8");
+    text.lines().map(|line| serde_json::from_str(line).expect("one JSON object a line")).collect()
+}
+
+/// A sound line of the shipped robot at a tick, standing on flat ground.
+fn line(tick: u32) -> Value {
+    let t_s = f64::from(tick) / 50.0;
+    let joints: Vec<String> = ["LF", "RF", "LH", "RH"]
+        .iter()
+        .flat_map(|leg| ["HAA", "HFE", "KFE"].map(|joint| format!("{leg}_{joint}")))
+        .collect();
+    let stand = |name: &str| match (name.ends_with("HFE"), name.ends_with("KFE"), name.as_bytes()[1] == b'F')
+    {
+        (true, _, true) => 0.4,
+        (true, _, false) => -0.4,
+        (_, true, true) => -0.8,
+        (_, true, false) => 0.8,
+        _ => 0.0,
+    };
+    let by_joint = |value: &dyn Fn(&str) -> f64| {
+        Value::Object(joints.iter().map(|name| (name.clone(), json!(value(name)))).collect())
+    };
+    let row = vec![json!(-0.53); 29];
+    json!({
+        "t_s": t_s,
+        "joint_position_rad": by_joint(&stand),
+        "joint_velocity_rad_per_s": by_joint(&|_| 0.0),
+        "joint_torque_nm": by_joint(&|_| 0.0),
+        "foot_contact": {"LF_FOOT": true, "RF_FOOT": true, "LH_FOOT": true, "RH_FOOT": true},
+        "base_linear_velocity_m_per_s": [0, 0, 0],
+        "base_angular_velocity_rad_per_s": [0, 0, 0],
+        "projected_gravity": [0, 0, -1],
+        "elevation": {"t_s": t_s, "resolution_m": 0.05, "back_m": 1.2, "front_m": 2.2, "half_width_m": 0.7,
+                      "height_m": vec![row; 69]},
+        "command": {"velocity": [0.6, 0.0, 0.0]},
+    })
+}
+
+fn session(ticks: std::ops::Range<u32>) -> String {
+    ticks.map(|tick| line(tick).to_string() + "\n").collect()
+}
+
+fn fixture() -> Fixture {
+    let fixture = Fixture::new();
+    fixture.add_skill("walk", "none", 0.99, 0.2);
+    fixture.add_skill("ascend", "none", 0.5, 0.4);
+    fixture.add_deployment("stairs", &["walk", "ascend"]);
+    fixture
+}
+
+const RUN: [&str; 5] = ["run", "--deployment", "stairs", "--source", "stdio"];
+
+#[test]
+fn a_greeting_then_one_line_out_per_line_in_and_a_clean_stop() {
+    let output = vocaloco(fixture().root(), &RUN, &session(0..15));
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines = lines(&output);
+    assert_eq!(lines.len(), 16);
+    assert_eq!(lines[0]["robot"], "anymal_d");
+    assert_eq!(lines[0]["skills"], json!(["walk", "ascend"]));
+    assert_eq!((&lines[9]["active"], &lines[10]["active"]), (&json!("stand"), &json!("walk")));
+    assert_eq!(lines[15]["t_s"], 0.28);
+    assert_eq!(lines[15]["skills"]["ascend"]["viable"], false);
+    assert_eq!(lines[15]["joints"].as_object().map(serde_json::Map::len), Some(12));
+}
+
+#[test]
+fn a_malformed_line_is_answered_with_the_stand_and_the_exit_code_is_1() {
+    let mut spoiled = line(12);
+    spoiled["joint_position_rad"].as_object_mut().expect("an object").remove("RH_KFE");
+    let input = format!("{}{spoiled}\nnonsense\n{}", session(0..12), session(14..60));
+    let output = vocaloco(fixture().root(), &RUN, &input);
+    assert_eq!(output.status.code(), Some(1));
+    let lines = lines(&output);
+    assert_eq!(lines.len(), 1 + 60);
+    assert_eq!(lines[12]["active"], "walk");
+    let wanted = json!({"field": "joint_position_rad.RH_KFE", "found": "nothing", "wanted": "a value"});
+    assert_eq!(lines[13]["error"], wanted);
+    assert_eq!(lines[13]["joints"]["LF_KFE"]["stiffness_nm_per_rad"], 120.0);
+    assert_eq!(lines[14]["error"]["field"], "line");
+    assert_eq!(lines[60]["active"], "walk", "the loop went on");
+}
+
+#[test]
+fn nothing_to_run_is_exit_code_2_and_one_line_of_why() {
+    let fixture = fixture();
+    for skill in ["walk", "ascend"] {
+        fixture.write(&format!("skills/{skill}/cot.onnx"), b"nonsense");
+    }
+    let output = vocaloco(fixture.root(), &RUN, &session(0..3));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(output.stdout.is_empty(), "no greeting of a loop that does not run");
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(error.contains("cot.onnx") && error.lines().count() == 1, "{error}");
+}
+
+#[test]
+fn a_refused_skill_is_named_in_the_greeting_and_the_other_runs() {
+    let fixture = fixture();
+    fixture.write("skills/ascend/viability.onnx", b"nonsense");
+    let output = vocaloco(fixture.root(), &RUN, &session(0..12));
+    assert_eq!(output.status.code(), Some(0));
+    let lines = lines(&output);
+    assert_eq!(lines[0]["skills"], json!(["walk"]));
+    assert!(lines[0]["refused"][0].as_str().is_some_and(|line| line.contains("viability.onnx")));
+    assert_eq!(lines[12]["active"], "walk");
+}
+
+#[test]
+fn a_log_explains_and_replays_itself() {
+    let fixture = fixture();
+    let log = fixture.root().join("decisions.mcap");
+    let file = log.to_str().expect("UTF-8");
+    let mut arguments = RUN.to_vec();
+    arguments.extend(["--log", file]);
+    assert_eq!(vocaloco(fixture.root(), &arguments, &session(0..120)).status.code(), Some(0));
+
+    let explained = vocaloco(fixture.root(), &["explain", file, "--tick", "40", "--json"], "");
+    let explained: Value = serde_json::from_slice(&explained.stdout).expect("one JSON object");
+    assert_eq!(explained["ticks"], 120);
+    assert_eq!(explained["decision"]["active"], "walk");
+    assert_eq!(explained["changes"][0]["tick"], 9);
+    let words = vocaloco(fixture.root(), &["explain", file], "");
+    let words = String::from_utf8_lossy(&words.stdout).into_owned();
+    assert!(words.contains("stand → walk: the only viable skill"), "{words}");
+    assert!(
+        words.contains("ascend: viability 0.500, cost of transport 0.400: viability below 0.9"),
+        "{words}"
+    );
+
+    let what_if =
+        ["explain", file, "--what-if", "threshold.walk=0.995,threshold.ascend=0.4,window=5", "--json"];
+    let what_if = vocaloco(fixture.root(), &what_if, "");
+    let what_if: Value = serde_json::from_slice(&what_if.stdout).expect("one JSON object");
+    assert_eq!(what_if["what_if"]["stretches"][1]["active"], "ascend");
+    assert_eq!(what_if["what_if"]["stretches"][0]["ticks"], 4);
+
+    let source = format!("replay:{file}");
+    let replay = ["run", "--deployment", "stairs", "--source", &source, "--json"];
+    let output = vocaloco(fixture.root(), &replay, "");
+    let replayed: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    assert_eq!((output.status.code(), &replayed["differing_ticks"]), (Some(0), &json!(0)), "{replayed}");
+
+    fixture.write("skills/walk/viability.onnx", &vocaloco_tests::constant_model("viability", 0.2));
+    let output = vocaloco(fixture.root(), &replay, "");
+    let replayed: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    assert_eq!(output.status.code(), Some(1), "another model is a finding: {replayed}");
+    assert!(replayed["differing_ticks"].as_u64().is_some_and(|ticks| ticks > 100), "{replayed}");
+}
+
+#[test]
+fn a_tick_or_a_file_that_is_not_there_is_exit_code_2() {
+    let root = shipped().root;
+    let output = vocaloco(&root, &["explain", "no/such.mcap"], "");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("no/such.mcap"));
+}
