@@ -3,7 +3,9 @@
 
 use rand_chacha::ChaCha8Rng;
 use vocaloco_core::plugin::PluginInstance;
-use vocaloco_plugin_api::{Command, Description, JointTarget, RobotState, SkillError, TerrainPatch};
+use vocaloco_plugin_api::{
+    Command, Description, ErrorCode, JointTarget, RobotState, SkillError, TerrainPatch,
+};
 
 use crate::{
     plant::Plant,
@@ -124,10 +126,11 @@ impl<'a> Driver<'a> {
     /// One policy tick: observe, act, four physics steps. `after_step` runs after each of them.
     ///
     /// # Errors
-    /// What the plugin reports; the plant has not moved then.
+    /// What the plugin reports, or targets that are not finite; the plant has not moved then.
     pub fn tick(&mut self, command: &Command, mut after_step: impl FnMut(&Plant)) -> Result<(), SkillError> {
         self.observe();
         self.instance.act(&self.seen.state(self.time_s), command, &mut self.targets)?;
+        check_finite(&self.targets)?;
         for _ in 0..DECIMATION {
             self.plant.step(&self.targets);
             after_step(self.plant);
@@ -170,6 +173,19 @@ impl<'a> Driver<'a> {
             }
         }
     }
+}
+
+fn check_finite(targets: &[JointTarget]) -> Result<(), SkillError> {
+    for (joint, target) in targets.iter().enumerate() {
+        let JointTarget { position_rad, stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm } =
+            *target;
+        let parts = [position_rad, stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm];
+        if !parts.iter().all(|part| part.is_finite()) {
+            let message = format!("target of joint {joint}: found {target:?}, wanted finite numbers");
+            return Err(SkillError::new(ErrorCode::Internal, message));
+        }
+    }
+    Ok(())
 }
 
 fn refill<T, U>(to: &mut Vec<U>, from: &[T], convert: impl FnMut(&T) -> U) {

@@ -152,21 +152,16 @@ fn report(
 
 /// The command that repeats the data set, on any number of threads.
 fn command(args: &Args, kind: Kind) -> String {
-    let mut text = format!(
-        "vocaloco collect --skill {} --kind {} --samples {} --seed {}",
+    let repeats =
+        if kind == Kind::Viability { format!(" --repeats {}", args.repeats) } else { String::new() };
+    let plant = if args.plant == Plant::Fast { " --plant fast" } else { "" };
+    format!(
+        "vocaloco collect --skill {} --kind {} --samples {} --seed {}{repeats}{plant} --field-noise-m {} \
+         --patch-noise-m {} --robot {} --out {}",
         args.skill,
         kind.id(),
         args.samples,
-        args.shared.seed
-    );
-    if kind == Kind::Viability {
-        text += &format!(" --repeats {}", args.repeats);
-    }
-    if args.plant == Plant::Fast {
-        text += " --plant fast";
-    }
-    text + &format!(
-        " --field-noise-m {} --patch-noise-m {} --robot {} --out {}",
+        args.shared.seed,
         args.field_noise_m,
         args.patch_noise_m,
         args.robot,
