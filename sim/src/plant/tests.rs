@@ -358,3 +358,36 @@ fn velocities_are_in_the_base_frame() {
     let [forward, left, _] = plant.measure().base_linear_velocity;
     assert!((forward - 1.0).abs() < 1e-5 && left.abs() < 1e-5, "{forward} {left}");
 }
+
+/// The ranges are ours (METHOD.md, section 7), "to be checked against self-collision".
+#[test]
+fn no_leg_reaches_the_base_or_a_leg_across_within_its_ranges() {
+    let robot = robot();
+    let mut plant = Plant::new(&robot, &flat(), PlantKind::Fast);
+    for leg in 0..4 {
+        let mut touching = 0;
+        let at = |joint: usize, share: f64| {
+            let described = &robot.description.joints[3 * leg + joint];
+            let (lower, upper) = (described.lower_rad + 0.01, described.upper_rad - 0.01);
+            (lower + (upper - lower) * share) as f32
+        };
+        for index in 0..(5 * 10 * 7_u32) {
+            let share = |step: u32, of: u32| f64::from(step) / f64::from(of - 1);
+            let shares = [share(index / 70, 5), share(index / 7 % 10, 10), share(index % 7, 7)];
+            let mut positions = robot.stand_position_rad();
+            for (joint, share) in shares.into_iter().enumerate() {
+                positions[3 * leg + joint] = at(joint, share);
+            }
+            plant.place(&BasePose::from_yaw([0.0, 0.0, 30.0], 0.0), &positions);
+            plant.step_torques(&[0.0; 12]);
+            plant.step_torques(&[0.0; 12]);
+            let measured = plant.measure();
+            assert!(!measured.base_contact, "leg {leg} at {shares:?} of its ranges");
+            // Stretched straight at the other leg of its side, it does meet that one.
+            let stretched_at_neighbour = if leg < 2 { shares[1] > 0.75 } else { shares[1] < 0.25 };
+            assert!(!measured.nonfoot_contact || stretched_at_neighbour, "leg {leg} at {shares:?}");
+            touching += usize::from(measured.nonfoot_contact);
+        }
+        assert!(touching < 18, "leg {leg} touches something in {touching} of 350 poses");
+    }
+}
