@@ -324,7 +324,9 @@ mod tests {
     fn written(folder: &Path, setup: &Setup, decisions: &[Decision]) -> PathBuf {
         let file = folder.join("decisions.mcap");
         let mut log = LogWriter::create(&file, setup).unwrap();
-        decisions.iter().for_each(|decision| log.write(decision).unwrap());
+        for decision in decisions {
+            log.write(decision).unwrap();
+        }
         log.finish().unwrap();
         file
     }

@@ -79,14 +79,10 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
 }
 
 fn command(args: &Args) -> String {
-    let mut words = format!("vocaloco explain {}", args.file.display());
-    if let Some(tick) = args.tick {
-        words += &format!(" --tick {tick}");
-    }
-    if let Some(changes) = &args.what_if {
-        words += &format!(" --what-if {changes}");
-    }
-    words
+    let mut words = vec![format!("vocaloco explain {}", args.file.display())];
+    words.extend(args.tick.map(|tick| format!("--tick {tick}")));
+    words.extend(args.what_if.as_ref().map(|changes| format!("--what-if {changes}")));
+    words.join(" ")
 }
 
 fn find(log: &DecisionLog, tick: u64) -> anyhow::Result<&Decision> {

@@ -101,7 +101,8 @@ fn a_plugin_that_cannot_start_stands_within_the_tick() {
 
 #[test]
 fn targets_that_are_not_finite_or_out_of_range_stand_within_the_tick() {
-    let spoilers: [(&str, fn(&mut [JointTarget])); 8] = [
+    type Spoiler = fn(&mut [JointTarget]);
+    let spoilers: [(&str, Spoiler); 8] = [
         ("RF_KFE: position_rad NaN", |joints| joints[5].position_rad = f32::NAN),
         ("LF_HAA: position_rad inf", |joints| joints[0].position_rad = f32::INFINITY),
         ("LF_HAA: position_rad 9", |joints| joints[0].position_rad = 9.0),
@@ -135,7 +136,8 @@ fn a_target_that_folds_feed_forward_torque_beyond_the_joints_range_is_taken() {
 
 #[test]
 fn terrain_that_is_missing_old_small_or_mostly_unknown_stops_at_once() {
-    let spoilers: [(&str, fn(&mut Observation)); 6] = [
+    type Spoiler = fn(&mut Observation);
+    let spoilers: [(&str, Spoiler); 6] = [
         ("found nothing", |o| o.elevation = None),
         ("0.220 s old", |o| o.elevation.as_mut().unwrap().t_s = o.t_s - 0.22),
         ("-0.500 s old", |o| o.elevation.as_mut().unwrap().t_s = o.t_s + 0.5),

@@ -23,13 +23,15 @@ pub fn parse(line: &[u8], robot: &RobotDescription) -> Parsed<Observation> {
         t_s: double(object.need("t_s")?, "t_s")?,
         joint_position_rad: by_name(&mut object, "joint_position_rad", &joints, number)?,
         joint_velocity_rad_per_s: by_name(&mut object, "joint_velocity_rad_per_s", &joints, number)?,
-        joint_torque_nm: match object.has("joint_torque_nm") {
-            true => Some(by_name(&mut object, "joint_torque_nm", &joints, number)?),
-            false => None,
+        joint_torque_nm: if object.has("joint_torque_nm") {
+            Some(by_name(&mut object, "joint_torque_nm", &joints, number)?)
+        } else {
+            None
         },
-        foot_contact: match object.has("foot_contact") {
-            true => Some(by_name(&mut object, "foot_contact", &feet, flag)?),
-            false => None,
+        foot_contact: if object.has("foot_contact") {
+            Some(by_name(&mut object, "foot_contact", &feet, flag)?)
+        } else {
+            None
         },
         base_linear_velocity: numbers(&mut object, "base_linear_velocity_m_per_s")?,
         base_angular_velocity: numbers(&mut object, "base_angular_velocity_rad_per_s")?,

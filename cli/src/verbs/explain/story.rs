@@ -32,7 +32,7 @@ pub(super) fn stretches(decisions: &[Decision], mut active: impl FnMut(&Decision
                 stretch.ticks += 1;
             }
             None => {
-                stretches.push(Stretch { from_s: decision.t_s, to_s: decision.t_s, ticks: 1, active: name })
+                stretches.push(Stretch { from_s: decision.t_s, to_s: decision.t_s, ticks: 1, active: name });
             }
         }
     }
@@ -85,12 +85,12 @@ pub(super) struct Event {
     tick: u64,
     /// Ticks in a row in which it happened.
     ticks: u64,
-    event: String,
+    what: String,
 }
 
 impl fmt::Display for Event {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:8.2} s, tick {}: {}", self.t_s, self.tick, self.event)?;
+        write!(f, "{:8.2} s, tick {}: {}", self.t_s, self.tick, self.what)?;
         if self.ticks > 1 { write!(f, " ({} ticks)", self.ticks) } else { Ok(()) }
     }
 }
@@ -101,11 +101,11 @@ pub(super) fn events(decisions: &[Decision]) -> Vec<Event> {
     for decision in decisions {
         for event in &decision.events {
             let repeats =
-                |before: &&mut Event| before.event == *event && before.tick + before.ticks == decision.tick;
+                |before: &&mut Event| before.what == *event && before.tick + before.ticks == decision.tick;
             if let Some(before) = events.last_mut().filter(repeats) {
                 before.ticks += 1;
             } else {
-                events.push(Event { t_s: decision.t_s, tick: decision.tick, ticks: 1, event: event.clone() });
+                events.push(Event { t_s: decision.t_s, tick: decision.tick, ticks: 1, what: event.clone() });
             }
         }
     }

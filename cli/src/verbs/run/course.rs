@@ -102,9 +102,9 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         refused,
     };
     if args.shared.json {
-        output::json(&report)?
+        output::json(&report)?;
     } else {
-        say(&run, &report)?
+        say(&run, &report)?;
     }
     Ok(Exit::Fine)
 }
