@@ -52,21 +52,3 @@ fn the_settled_robot_stands_still() {
         assert!(speed < 0.1, "row {row}: {speed} m/s");
     }
 }
-
-#[test]
-#[ignore = "a table for the docs, not a promise"]
-fn share_of_valid_poses() {
-    for kind in TerrainKind::ALL {
-        for d in [0.0, 0.2, 0.4, 0.6, 0.8, 1.0] {
-            let (mut attempts, mut n, mut xs) = (0, 0, vec![]);
-            for row in 0..12 {
-                if let Ok(s) = spawn(kind, kind.size_m(d), row) {
-                    attempts += s.attempts;
-                    n += 1;
-                    xs.push((s.base.position_m[0] * 10.0).round() / 10.0);
-                }
-            }
-            eprintln!("{kind} {:.2}: {n} found, {attempts} attempts {xs:?}", kind.size_m(d));
-        }
-    }
-}
