@@ -235,7 +235,7 @@ mod tests {
     fn wilsons_interval_has_its_published_values() {
         // 98.1 % is the lower end when all of 200 succeed.
         let [low, high] = wilson(200, 200);
-        assert!((low - 0.98115).abs() < 1e-4 && high == 1.0, "{low} {high}");
+        assert!((low - 0.98115).abs() < 1e-4 && high > 1.0 - 1e-9, "{low} {high}");
         let [low, high] = wilson(5, 10);
         assert!((low - 0.23659).abs() < 1e-4 && (high - 0.76341).abs() < 1e-4, "{low} {high}");
         assert_eq!(wilson(0, 0), [0.0, 1.0]);
