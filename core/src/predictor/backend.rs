@@ -2,7 +2,8 @@
 //! tract otherwise. Chosen once, capped at one thread, and named in every report.
 
 use std::env::consts::{DLL_PREFIX, DLL_SUFFIX};
-use std::path::PathBuf;
+use std::ffi::CStr;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use ort::environment::{Environment, EnvironmentBuilder};
@@ -55,22 +56,27 @@ const ONNX_RUNTIME: &str = "onnxruntime";
 
 fn chosen() -> &'static Chosen {
     CHOSEN.get_or_init(|| {
+        let library = library();
         // One attempt only: after a failed `init_from` a second one of this `ort` reports success.
-        let note = match library().map(ort::init_from) {
-            Some(Ok(builder)) => return choose(builder, ONNX_RUNTIME, None),
+        let note = match library.as_ref().map(ort::init_from) {
+            Some(Ok(builder)) => {
+                return choose(builder, ONNX_RUNTIME, library_version(library.as_deref()), None);
+            }
             Some(Err(ort::LoadDynamicError::Dlopen { .. })) if std::env::var_os(VARIABLE).is_none() => None,
             Some(Err(error)) => Some(error.to_string().replace('\n', " ")),
             None => None,
         };
         ort::set_api(ort_tract::api());
-        choose(ort::init(), "tract", note)
+        let info = ort::info();
+        let version = info.split_once("version=").map_or(info, |(_, version)| version);
+        choose(ort::init(), "tract", version.to_owned(), note)
     })
 }
 
-fn choose(builder: EnvironmentBuilder, name: &'static str, note: Option<String>) -> Chosen {
+fn choose(builder: EnvironmentBuilder, name: &'static str, version: String, note: Option<String>) -> Chosen {
     let environment = builder.with_name("vocaloco").with_telemetry(false).build();
     let environment = environment.map_err(|error| error.to_string());
-    Chosen { backend: Backend { name, version: version(ort::info()), note }, environment }
+    Chosen { backend: Backend { name, version, note }, environment }
 }
 
 const VARIABLE: &str = "ORT_DYLIB_PATH";
@@ -79,28 +85,29 @@ const VARIABLE: &str = "ORT_DYLIB_PATH";
 fn library() -> Option<PathBuf> {
     match std::env::var_os(VARIABLE) {
         Some(path) => (!path.is_empty()).then(|| path.into()),
-        // A bare name is looked for beside the executable first, then by the loader.
-        None => Some(format!("{DLL_PREFIX}onnxruntime{DLL_SUFFIX}").into()),
+        None => {
+            let name = PathBuf::from(format!("{DLL_PREFIX}onnxruntime{DLL_SUFFIX}"));
+            let executable = std::env::current_exe().ok();
+            let beside = executable.and_then(|executable| Some(executable.parent()?.join(&name)));
+            // A bare name is for the loader to find.
+            Some(beside.filter(|path| path.is_file()).unwrap_or(name))
+        }
     }
 }
 
-/// The version in a build-info line, such as `… version=1.2.3` or `git-branch=rel-1.24.0, …`.
-fn version(info: &str) -> String {
-    ["version=", "git-branch=rel-", "git-branch="]
-        .iter()
-        .find_map(|key| info.split_once(key))
-        .map_or(info, |(_, rest)| rest.split([',', ' ']).next().unwrap_or(rest))
-        .to_owned()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::version;
-
-    #[test]
-    fn the_version_is_read_from_either_runtimes_build_info() {
-        let real = "ORT Build Info: git-branch=rel-1.24.0, git-commit-id=26250ae, build type=Release";
-        assert_eq!(version(real), "1.24.0");
-        assert_eq!(version("ORT Build Info: backend=ort-tract, version=0.5.0+0.23"), "0.5.0+0.23");
-    }
+/// The version of a library that `ort` has just loaded; its build information names only a branch.
+#[allow(unsafe_code, reason = "asks the loaded model runtime for its version")]
+fn library_version(library: Option<&Path>) -> String {
+    type GetApiBase = unsafe extern "C" fn() -> *const ort::sys::OrtApiBase;
+    let asked = library.and_then(|path| {
+        // SAFETY: `ort` has loaded the same library and called the same function a moment ago, so
+        // opening it runs no code and the types are those that `ort` relies on.
+        unsafe {
+            let library = libloading::Library::new(path).ok()?;
+            let base = (library.get::<GetApiBase>(b"OrtGetApiBase\0").ok()?)().as_ref()?;
+            let version = (base.GetVersionString)();
+            Some(CStr::from_ptr(version).to_string_lossy().into_owned())
+        }
+    });
+    asked.unwrap_or_else(|| "of unknown version".to_owned())
 }
