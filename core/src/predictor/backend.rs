@@ -83,16 +83,14 @@ const VARIABLE: &str = "ORT_DYLIB_PATH";
 
 /// The library to try; none when the built-in backend is asked for.
 fn library() -> Option<PathBuf> {
-    match std::env::var_os(VARIABLE) {
-        Some(path) => (!path.is_empty()).then(|| path.into()),
-        None => {
-            let name = PathBuf::from(format!("{DLL_PREFIX}onnxruntime{DLL_SUFFIX}"));
-            let executable = std::env::current_exe().ok();
-            let beside = executable.and_then(|executable| Some(executable.parent()?.join(&name)));
-            // A bare name is for the loader to find.
-            Some(beside.filter(|path| path.is_file()).unwrap_or(name))
-        }
+    if let Some(path) = std::env::var_os(VARIABLE) {
+        return (!path.is_empty()).then(|| path.into());
     }
+    let name = PathBuf::from(format!("{DLL_PREFIX}onnxruntime{DLL_SUFFIX}"));
+    let executable = std::env::current_exe().ok();
+    let beside = executable.and_then(|executable| Some(executable.parent()?.join(&name)));
+    // A bare name is for the loader to find.
+    Some(beside.filter(|path| path.is_file()).unwrap_or(name))
 }
 
 /// The version of a library that `ort` has just loaded; its build information names only a branch.

@@ -4,10 +4,11 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use abi_stable::std_types::ROption;
-use vocaloco_plugin_api::{Command, ErrorCode, Needs, SkillError};
+use vocaloco_plugin_api::{Command, ErrorCode, Needs, RobotState, SkillError, TerrainPatch};
 
 use super::*;
 use crate::elevation::Elevation;
+use crate::heightfield::Field;
 use crate::manifest::CommandRange;
 use crate::selector::Rule;
 

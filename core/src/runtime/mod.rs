@@ -3,8 +3,10 @@
 //! Source-agnostic and deterministic: it reads no clock (one may be given, only to measure), opens
 //! nothing and never gives up. Whatever fails, it stands; DESIGN's table of faults is this file.
 
+mod drive;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod perceive;
 mod skill;
 #[cfg(test)]
 mod tests;
@@ -13,19 +15,18 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use thiserror::Error;
-use vocaloco_plugin_api::{CommandKind, JointTarget, RobotState, TerrainPatch};
+use vocaloco_plugin_api::{CommandKind, JointTarget};
 
 use skill::Limits;
 pub use skill::{Controller, Networks, Predict, Skill};
 
-use crate::decision::{self, Decision, Forced, STAND, STOP, SkillVerdict, Timings};
-use crate::heightfield::{Field, Noise};
+use crate::decision::{Decision, Forced, STAND, STOP, SkillVerdict, Timings};
 use crate::manifest::Deployment;
 use crate::observation::{Observation, ObservationFault, Required};
 use crate::plugin::PluginError;
 use crate::registry::LoadedDeployment;
 use crate::robot::RobotModel;
-use crate::selector::{Choice, Prediction, Reason, Selector, is_zero};
+use crate::selector::{Choice, Prediction, Reason, Selector};
 use crate::stand::{Handover, Stand};
 use crate::switch::{Active, SwitchFilter, Windows};
 
@@ -278,167 +279,6 @@ impl Runtime {
         decision.forced = None;
         decision.events.clear();
         self.ticks += 1;
-    }
-
-    /// The predictors' field; none, with an event, when the terrain cannot be used.
-    fn field(&mut self, observation: &Observation) -> Option<Field> {
-        let age_s = |t_s: f64| observation.t_s - t_s;
-        let max_age_s = self.config.max_age_s + 1e-9;
-        let prepared = match &observation.elevation {
-            None => Err("elevation: found nothing, wanted a patch of terrain".to_owned()),
-            // Phrased as "is inside", so a time that is no number is refused too.
-            Some(elevation) if !(-max_age_s..=max_age_s).contains(&age_s(elevation.t_s)) => Err(format!(
-                "elevation: found terrain {:.3} s old, wanted at most {} s",
-                age_s(elevation.t_s),
-                self.config.max_age_s
-            )),
-            Some(elevation) => {
-                let noise: Option<&Noise> = observation.field_noise.as_ref();
-                elevation
-                    .heightfield()
-                    .map_err(|error| error.to_string())
-                    .and_then(|heightfield| heightfield.prepare(noise).map_err(|error| error.to_string()))
-            }
-        };
-        match prepared {
-            Ok(field) => {
-                decision::hash_into(&field, &mut self.decision.heightfield_hash);
-                Some(field)
-            }
-            Err(event) => {
-                self.decision.heightfield_hash.clear();
-                self.decision.events.push(event);
-                None
-            }
-        }
-    }
-
-    /// Predictions and verdicts of every skill, into the record.
-    fn choose(&mut self, field: Option<&Field>, observation: &Observation) -> Choice {
-        let choice = if let Some(field) = field {
-            for (index, skill) in self.skills.iter_mut().enumerate() {
-                self.predictions[index] = if self.selector.out_of_service(index).is_some() {
-                    Prediction::NONE
-                } else {
-                    let (prediction, failed) = skill.predictors.predict(field);
-                    self.decision.events.extend(failed);
-                    prediction
-                };
-            }
-            self.selector.choose(&self.predictions, &observation.command, &mut self.reasons)
-        } else {
-            self.predictions.fill(Prediction::NONE);
-            self.reasons.clear();
-            let reason = |skill| self.selector.out_of_service(skill).unwrap_or(Reason::NoTerrain);
-            self.reasons.extend((0..self.skills.len()).map(reason));
-            Choice::Stop
-        };
-        let seen = self.predictions.iter().zip(&self.reasons);
-        for (verdict, (prediction, reason)) in self.decision.skills.iter_mut().zip(seen) {
-            verdict.viability = Some(prediction.viability).filter(|value| value.is_finite());
-            verdict.cot = Some(prediction.cot).filter(|value| value.is_finite());
-            verdict.viable = matches!(reason, Reason::Viable { .. });
-            verdict.reason = *reason;
-        }
-        choice
-    }
-
-    /// Who drives: the window, unless a fault or a zero command overrules it.
-    fn decide(&mut self, choice: Choice, observation: &Observation) {
-        let active_verdict = match self.filter.active() {
-            Active::Skill(skill) => Some(&self.decision.skills[skill]),
-            Active::Stand => None,
-        };
-        let active_is_viable = active_verdict.is_none_or(|verdict| verdict.viable);
-        let retired = active_verdict.is_some_and(|verdict| verdict.reason.is_out_of_service());
-        if self.decision.heightfield_hash.is_empty() {
-            self.force(Forced::Terrain);
-        } else if retired {
-            self.force(Forced::Fault);
-        } else if is_zero(&observation.command) {
-            self.force(Forced::ZeroCommand);
-        } else {
-            self.filter.step(choice, active_is_viable);
-        }
-    }
-
-    fn force(&mut self, why: Forced) {
-        self.decision.forced = Some(why);
-        match why {
-            Forced::ZeroCommand => self.filter.stand_now(),
-            Forced::Terrain | Forced::Observation | Forced::Fault => self.filter.stop_now(),
-        }
-    }
-
-    /// Targets from whoever drives; a skill that fails is retired and the stand takes over.
-    fn drive(&mut self, observation: &Observation) {
-        if let Active::Skill(skill) = self.filter.active() {
-            match self.act(skill, observation) {
-                Ok(()) => {
-                    std::mem::swap(&mut self.joints, &mut self.candidate);
-                    self.drives = Some(Active::Skill(skill));
-                    return;
-                }
-                Err(fault) => {
-                    let name = &self.selector.rules()[skill].name;
-                    self.decision.events.push(format!("skill {name} is taken out of service: {fault}"));
-                    self.selector.retire(skill, Reason::PluginFailed);
-                    self.decision.skills[skill].viable = false;
-                    self.decision.skills[skill].reason = Reason::PluginFailed;
-                    self.force(Forced::Fault);
-                }
-            }
-        }
-        let handover = Handover {
-            position_rad: Some(&observation.joint_position_rad),
-            torque_nm: observation.joint_torque_nm.as_deref(),
-            last: None,
-        };
-        self.stand(handover, observation.projected_gravity);
-    }
-
-    fn stand(&mut self, handover: Handover<'_>, gravity: [f32; 3]) {
-        if self.drives != Some(Active::Stand) {
-            let last = self.drives.is_some().then_some(self.joints.as_slice());
-            self.stand.begin(Handover { last, ..handover });
-            self.drives = Some(Active::Stand);
-        }
-        self.stand.step(1.0 / self.config.rate_hz, gravity, &mut self.joints);
-    }
-
-    /// Targets of one skill into `candidate`, reset first if it did not drive before.
-    fn act(&mut self, index: usize, observation: &Observation) -> Result<(), String> {
-        let skill = &mut self.skills[index];
-        self.contacts.clear();
-        let contacts = observation.foot_contact.iter().flatten();
-        self.contacts.extend(contacts.map(|&touches| u8::from(touches)));
-        self.terrain_m.clear();
-        if let Some(patch) = skill.needs.terrain.as_ref().into_option() {
-            let patch: &TerrainPatch = patch;
-            self.terrain_m.resize(patch.rows() * patch.columns(), f32::NAN);
-            if let Some(elevation) = &observation.elevation {
-                elevation.patch(patch, &mut self.terrain_m);
-            }
-        }
-        let state = RobotState {
-            time_s: observation.t_s,
-            joint_position_rad: observation.joint_position_rad.as_slice().into(),
-            joint_velocity_rad_per_s: observation.joint_velocity_rad_per_s.as_slice().into(),
-            joint_torque_nm: observation.joint_torque_nm.as_deref().unwrap_or_default().into(),
-            base_linear_velocity_m_per_s: observation.base_linear_velocity,
-            base_angular_velocity_rad_per_s: observation.base_angular_velocity,
-            projected_gravity: observation.projected_gravity,
-            foot_contact: self.contacts.as_slice().into(),
-            terrain_m: self.terrain_m.as_slice().into(),
-        };
-        if self.drives != Some(Active::Skill(index)) {
-            skill.controller.reset(&state).map_err(|error| format!("reset: {error}"))?;
-        }
-        // A controller that leaves a target out must not drive with what stood there before.
-        self.candidate.fill(JointTarget { position_rad: f32::NAN, ..JointTarget::default() });
-        let acted = skill.controller.act(&state, &observation.command, &mut self.candidate);
-        acted.map_err(|error| format!("act: {error}"))?;
-        self.limits.check(&self.candidate)
     }
 
     fn record(&mut self, choice: Choice) {

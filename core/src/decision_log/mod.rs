@@ -4,6 +4,10 @@
 //! itself; then comes one [`Decision`] a tick. A log whose writer was killed is read up to its last
 //! whole second.
 
+mod setup;
+#[cfg(test)]
+mod tests;
+
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
@@ -13,13 +17,10 @@ use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions, Writer};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
-use vocaloco_plugin_api::CommandKind;
+
+pub use setup::{Setup, SetupSkill};
 
 use crate::decision::Decision;
-use crate::manifest::CommandRange;
-use crate::runtime::Runtime;
-use crate::selector::Rule;
-use crate::switch::Windows;
 
 const SETUP: &str = "/vocaloco/setup";
 const DECISION: &str = "/vocaloco/decision";
@@ -28,89 +29,6 @@ const FLUSH_EVERY: u32 = 50;
 
 /// Version of the messages.
 pub const SCHEMA: u32 = 1;
-
-/// What the loop was configured with.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Setup {
-    /// [`SCHEMA`].
-    pub schema: u32,
-    /// Version of this program.
-    pub version: String,
-    /// Name of the deployment.
-    pub deployment: String,
-    /// Name of the robot.
-    pub robot: String,
-    /// The model runtime, with its version.
-    pub backend: String,
-    /// Rate of ticks, Hz.
-    pub rate_hz: f64,
-    /// Ticks that must agree before a switch.
-    pub switch_window: usize,
-    /// Ticks that must agree before a stop.
-    pub stop_window: usize,
-    /// Ticks that must agree before a stop is left.
-    pub resume_window: usize,
-    /// What the selector knew of each skill, in the deployment's order.
-    pub skills: Vec<SetupSkill>,
-}
-
-/// What the selector knew of a skill.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct SetupSkill {
-    /// Its name.
-    pub name: String,
-    /// Least predicted viability at which it may be chosen.
-    pub viability_threshold: f32,
-    /// Whether it goes to position targets rather than following a velocity.
-    pub position_target: bool,
-    /// Forward velocity that it takes, m/s.
-    pub forward_m_per_s: [f64; 2],
-}
-
-impl Setup {
-    /// The setup of a runtime.
-    pub fn of(runtime: &Runtime, deployment: &str) -> Self {
-        let config = runtime.config();
-        let backend = crate::predictor::backend();
-        let skill = |rule: &Rule| SetupSkill {
-            name: rule.name.clone(),
-            viability_threshold: rule.viability_threshold,
-            position_target: rule.command.kind == CommandKind::PositionTarget,
-            forward_m_per_s: rule.command.forward_m_per_s,
-        };
-        Self {
-            schema: SCHEMA,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            deployment: deployment.to_owned(),
-            robot: runtime.robot().name.clone(),
-            backend: format!("{} {}", backend.name, backend.version),
-            rate_hz: config.rate_hz,
-            switch_window: config.windows.switch,
-            stop_window: config.windows.stop,
-            resume_window: config.windows.resume,
-            skills: runtime.rules().iter().map(skill).collect(),
-        }
-    }
-
-    /// The switch filter's windows.
-    pub const fn windows(&self) -> Windows {
-        Windows { switch: self.switch_window, stop: self.stop_window, resume: self.resume_window }
-    }
-
-    /// The selector's rules.
-    pub fn rules(&self) -> Vec<Rule> {
-        let rule = |skill: &SetupSkill| Rule {
-            name: skill.name.clone(),
-            viability_threshold: skill.viability_threshold,
-            command: CommandRange {
-                kind: if skill.position_target { CommandKind::PositionTarget } else { CommandKind::Velocity },
-                forward_m_per_s: skill.forward_m_per_s,
-                target_distance_m: None,
-            },
-        };
-        self.skills.iter().map(rule).collect()
-    }
-}
 
 /// Why a log could not be written or read.
 #[derive(Debug, Error)]
@@ -294,105 +212,3 @@ const DECISION_SCHEMA: &str = r#"{"title":"vocaloco.Decision","type":"object","p
 "reason":{"type":"string"},"events":{"type":"array","items":{"type":"string"}},
 "timings":{"type":"object","properties":{"predict_us":{"type":"number"},"act_us":{"type":"number"},
 "total_us":{"type":"number"}}}}}"#;
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::replay::as_recorded;
-    use crate::runtime::fixture::{Loop, fake, skill};
-
-    /// A loop that walks, ascends, fails, stands and stops; every tick of it, and its runtime.
-    fn eventful() -> (Setup, Vec<Decision>) {
-        let (walk, ascend) = (fake(0.99, 0.2), fake(0.93, 0.9));
-        let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &ascend)]);
-        let setup = Setup::of(&it.runtime, "test");
-        let mut decisions: Vec<_> = (0..20).map(|_| it.tick()).collect();
-        walk.with(|script| script.prediction = Some((0.1, 0.2)));
-        ascend.with(|script| script.prediction = Some((0.97, 0.9)));
-        decisions.extend((0..20).map(|_| it.tick()));
-        it.observation.joint_position_rad[3] = f32::NAN;
-        decisions.push(it.tick());
-        it.observation.joint_position_rad[3] = 0.0;
-        decisions.extend((0..30).map(|_| it.tick()));
-        ascend.with(|script| script.fails = true);
-        decisions.extend((0..5).map(|_| it.tick()));
-        walk.with(|script| script.prediction = Some((f32::NAN, 0.2)));
-        decisions.extend((0..5).map(|_| it.tick()));
-        (setup, decisions)
-    }
-
-    fn written(folder: &Path, setup: &Setup, decisions: &[Decision]) -> PathBuf {
-        let file = folder.join("decisions.mcap");
-        let mut log = LogWriter::create(&file, setup).unwrap();
-        for decision in decisions {
-            log.write(decision).unwrap();
-        }
-        log.finish().unwrap();
-        file
-    }
-
-    #[test]
-    fn a_log_comes_back_as_it_was_written() {
-        let folder = tempfile::tempdir().unwrap();
-        let (setup, decisions) = eventful();
-        let log = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap();
-        assert_eq!(log.setup, setup);
-        assert_eq!(log.truncated, None);
-        assert_eq!(log.decisions.len(), decisions.len());
-        for (found, wanted) in log.decisions.iter().zip(&decisions) {
-            assert!(found == wanted, "tick {}", wanted.tick);
-        }
-    }
-
-    #[test]
-    fn a_log_decided_again_comes_to_the_same() {
-        let (setup, decisions) = eventful();
-        for skill in ["walk", "ascend", "stand"] {
-            assert!(decisions.iter().any(|decision| decision.active == skill), "the fixture lacks {skill}");
-        }
-        for (again, decision) in as_recorded(&setup, &decisions).iter().zip(&decisions) {
-            assert!(again.agrees_with(decision), "tick {}: {again:?}, {decision:?}", decision.tick);
-        }
-    }
-
-    #[test]
-    fn other_thresholds_and_windows_decide_otherwise() {
-        let (setup, decisions) = eventful();
-        let mut rules = setup.rules();
-        rules[0].viability_threshold = 0.999;
-        rules[1].viability_threshold = 0.9;
-        let windows = Windows { switch: 3, ..setup.windows() };
-        let again = crate::replay::replay(&rules, windows, &decisions, |decision, skill| {
-            decision.skills[skill].prediction()
-        });
-        assert_eq!((again[1].active.as_str(), again[2].active.as_str()), ("stand", "ascend"));
-    }
-
-    #[test]
-    fn a_killed_writers_log_is_read_up_to_where_it_ends() {
-        let folder = tempfile::tempdir().unwrap();
-        let (setup, decisions) = eventful();
-        let file = written(folder.path(), &setup, &decisions);
-        let bytes = std::fs::read(&file).unwrap();
-        for share in [0.6, 0.8, 0.95] {
-            std::fs::write(&file, &bytes[..(bytes.len() as f64 * share) as usize]).unwrap();
-            let log = DecisionLog::read(&file).unwrap();
-            assert!(log.truncated.is_some(), "{share}");
-            assert!(log.decisions[..] == decisions[..log.decisions.len()], "{share}");
-        }
-        let short = DecisionLog::read(&file).unwrap();
-        assert!(short.decisions.len() >= 49, "whole seconds are kept: {}", short.decisions.len());
-    }
-
-    #[test]
-    fn a_file_that_is_no_log_is_refused_by_name() {
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("notes.txt");
-        assert!(matches!(DecisionLog::read(&file), Err(LogError::Io { .. })));
-        for bytes in [&b""[..], b"hello", b"\x89MCAP0\r\n", &[0xff; 400]] {
-            std::fs::write(&file, bytes).unwrap();
-            let error = DecisionLog::read(&file).unwrap_err().to_string();
-            assert!(error.contains("notes.txt: "), "{error}");
-        }
-    }
-}

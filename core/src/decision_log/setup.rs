@@ -1,0 +1,93 @@
+//! The first message of a log.
+
+use serde::{Deserialize, Serialize};
+use vocaloco_plugin_api::CommandKind;
+
+use super::SCHEMA;
+use crate::manifest::CommandRange;
+use crate::runtime::Runtime;
+use crate::selector::Rule;
+use crate::switch::Windows;
+
+/// What the loop was configured with.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Setup {
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// Version of this program.
+    pub version: String,
+    /// Name of the deployment.
+    pub deployment: String,
+    /// Name of the robot.
+    pub robot: String,
+    /// The model runtime, with its version.
+    pub backend: String,
+    /// Rate of ticks, Hz.
+    pub rate_hz: f64,
+    /// Ticks that must agree before a switch.
+    pub switch_window: usize,
+    /// Ticks that must agree before a stop.
+    pub stop_window: usize,
+    /// Ticks that must agree before a stop is left.
+    pub resume_window: usize,
+    /// What the selector knew of each skill, in the deployment's order.
+    pub skills: Vec<SetupSkill>,
+}
+
+/// What the selector knew of a skill.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SetupSkill {
+    /// Its name.
+    pub name: String,
+    /// Least predicted viability at which it may be chosen.
+    pub viability_threshold: f32,
+    /// Whether it goes to position targets rather than following a velocity.
+    pub position_target: bool,
+    /// Forward velocity that it takes, m/s.
+    pub forward_m_per_s: [f64; 2],
+}
+
+impl Setup {
+    /// The setup of a runtime.
+    pub fn of(runtime: &Runtime, deployment: &str) -> Self {
+        let config = runtime.config();
+        let backend = crate::predictor::backend();
+        let skill = |rule: &Rule| SetupSkill {
+            name: rule.name.clone(),
+            viability_threshold: rule.viability_threshold,
+            position_target: rule.command.kind == CommandKind::PositionTarget,
+            forward_m_per_s: rule.command.forward_m_per_s,
+        };
+        Self {
+            schema: SCHEMA,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            deployment: deployment.to_owned(),
+            robot: runtime.robot().name.clone(),
+            backend: format!("{} {}", backend.name, backend.version),
+            rate_hz: config.rate_hz,
+            switch_window: config.windows.switch,
+            stop_window: config.windows.stop,
+            resume_window: config.windows.resume,
+            skills: runtime.rules().iter().map(skill).collect(),
+        }
+    }
+
+    /// The switch filter's windows.
+    pub const fn windows(&self) -> Windows {
+        Windows { switch: self.switch_window, stop: self.stop_window, resume: self.resume_window }
+    }
+
+    /// The selector's rules.
+    pub fn rules(&self) -> Vec<Rule> {
+        let rule = |skill: &SetupSkill| Rule {
+            name: skill.name.clone(),
+            viability_threshold: skill.viability_threshold,
+            command: CommandRange {
+                kind: if skill.position_target { CommandKind::PositionTarget } else { CommandKind::Velocity },
+                forward_m_per_s: skill.forward_m_per_s,
+                target_distance_m: None,
+            },
+        };
+        self.skills.iter().map(rule).collect()
+    }
+}

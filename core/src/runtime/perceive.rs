@@ -1,0 +1,72 @@
+//! The first half of a tick: terrain into the predictors' field, the field into verdicts.
+
+use super::Runtime;
+use crate::decision;
+use crate::heightfield::{Field, Noise};
+use crate::observation::Observation;
+use crate::selector::{Choice, Prediction, Reason};
+
+impl Runtime {
+    /// The predictors' field; none, with an event, when the terrain cannot be used.
+    pub(super) fn field(&mut self, observation: &Observation) -> Option<Field> {
+        let age_s = |t_s: f64| observation.t_s - t_s;
+        let max_age_s = self.config.max_age_s + 1e-9;
+        let prepared = match &observation.elevation {
+            None => Err("elevation: found nothing, wanted a patch of terrain".to_owned()),
+            // Phrased as "is inside", so a time that is no number is refused too.
+            Some(elevation) if !(-max_age_s..=max_age_s).contains(&age_s(elevation.t_s)) => Err(format!(
+                "elevation: found terrain {:.3} s old, wanted at most {} s",
+                age_s(elevation.t_s),
+                self.config.max_age_s
+            )),
+            Some(elevation) => {
+                let noise: Option<&Noise> = observation.field_noise.as_ref();
+                elevation
+                    .heightfield()
+                    .map_err(|error| error.to_string())
+                    .and_then(|heightfield| heightfield.prepare(noise).map_err(|error| error.to_string()))
+            }
+        };
+        match prepared {
+            Ok(field) => {
+                decision::hash_into(&field, &mut self.decision.heightfield_hash);
+                Some(field)
+            }
+            Err(event) => {
+                self.decision.heightfield_hash.clear();
+                self.decision.events.push(event);
+                None
+            }
+        }
+    }
+
+    /// Predictions and verdicts of every skill, into the record.
+    pub(super) fn choose(&mut self, field: Option<&Field>, observation: &Observation) -> Choice {
+        let choice = if let Some(field) = field {
+            for (index, skill) in self.skills.iter_mut().enumerate() {
+                self.predictions[index] = if self.selector.out_of_service(index).is_some() {
+                    Prediction::NONE
+                } else {
+                    let (prediction, failed) = skill.predictors.predict(field);
+                    self.decision.events.extend(failed);
+                    prediction
+                };
+            }
+            self.selector.choose(&self.predictions, &observation.command, &mut self.reasons)
+        } else {
+            self.predictions.fill(Prediction::NONE);
+            self.reasons.clear();
+            let reason = |skill| self.selector.out_of_service(skill).unwrap_or(Reason::NoTerrain);
+            self.reasons.extend((0..self.skills.len()).map(reason));
+            Choice::Stop
+        };
+        let seen = self.predictions.iter().zip(&self.reasons);
+        for (verdict, (prediction, reason)) in self.decision.skills.iter_mut().zip(seen) {
+            verdict.viability = Some(prediction.viability).filter(|value| value.is_finite());
+            verdict.cot = Some(prediction.cot).filter(|value| value.is_finite());
+            verdict.viable = matches!(reason, Reason::Viable { .. });
+            verdict.reason = *reason;
+        }
+        choice
+    }
+}
