@@ -32,6 +32,9 @@ const LANDING_SHARE: f64 = 0.5;
 /// How far below its foothold a foot looks for the ground, m.
 const SEARCH_DEPTH_M: f64 = 0.12;
 
+/// No joint, base or gravity is measured beyond this in any unit; what is would be integrated.
+const LARGEST_MEASURED: f32 = 1e3;
+
 /// What a leg is doing.
 #[derive(Clone, Copy, Debug, Default)]
 struct LegState {
@@ -182,8 +185,10 @@ impl Gait {
             state.base_angular_velocity_rad_per_s,
             state.projected_gravity,
         ];
-        if !numbers.chain(vectors.as_flattened()).all(|value| value.is_finite()) {
-            return refuse("state: found a number that is not finite".into());
+        // Phrased as "is inside", so NaN is refused too.
+        let plausible = |value: &f32| (-LARGEST_MEASURED..=LARGEST_MEASURED).contains(value);
+        if let Some(value) = numbers.chain(vectors.as_flattened()).find(|value| !plausible(value)) {
+            return refuse(format!("state: found {value}, wanted numbers within ±{LARGEST_MEASURED}"));
         }
         Ok(())
     }

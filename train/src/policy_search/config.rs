@@ -80,7 +80,8 @@ impl SearchConfig {
         Ok(config)
     }
 
-    fn check(&self) -> anyhow::Result<()> {
+    /// Refuses numbers outside their ranges.
+    pub(super) fn check(&self) -> anyhow::Result<()> {
         ensure!(self.schema == 1, "schema: found {}, wanted 1", self.schema);
         for (field, found) in [
             ("population", self.population),

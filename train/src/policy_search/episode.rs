@@ -18,14 +18,16 @@ use vocaloco_sim::{
 use super::config::{Objective, SearchConfig};
 
 /// The plant that candidates are scored on.
-pub(super) const PLANT: PlantKind = PlantKind::Reference;
+pub(super) const SEARCH_PLANT: PlantKind = PlantKind::Fast;
+/// The plant that the result is judged on.
+pub(super) const JUDGE_PLANT: PlantKind = PlantKind::Reference;
 /// Cost of transport beyond which it no longer matters how bad it is.
 const LARGEST_COT: f64 = 4.0;
 
 /// The episodes of one generation.
-#[derive(Default)]
 pub(super) struct Arena {
     episodes: Vec<Episode>,
+    plant: PlantKind,
 }
 
 struct Episode {
@@ -51,6 +53,11 @@ pub(super) struct Score {
 }
 
 impl Arena {
+    /// No episodes.
+    pub(super) const fn empty() -> Self {
+        Self { episodes: Vec::new(), plant: SEARCH_PLANT }
+    }
+
     /// `count` episodes drawn from (seed, name, index).
     pub(super) fn new(
         robot: &Arc<RobotModel>,
@@ -58,16 +65,17 @@ impl Arena {
         seed: u64,
         name: &str,
         count: usize,
+        plant: PlantKind,
     ) -> Self {
         let spawner = Spawner::new(robot, SpawnRules { any_yaw_share: 0.0, ..SpawnRules::default() });
-        let draw =
-            |index| Episode::draw(robot, &spawner, config, derived_seed(seed, name, &[]), index, count);
-        Self { episodes: (0..count).into_par_iter().filter_map(draw).collect() }
+        let seed = derived_seed(seed, name, &[]);
+        let draw = |index| Episode::draw(robot, &spawner, config, seed, (index, count), plant);
+        Self { episodes: (0..count).into_par_iter().filter_map(draw).collect(), plant }
     }
 
     /// Scores a skill, one episode after the other: candidates run side by side.
     pub(super) fn score(&self, robot: &Arc<RobotModel>, skill: &RolledSkill, config: &SearchConfig) -> Score {
-        Score::of(self.episodes.iter().map(|episode| episode.run(robot, skill, config)).collect(), config)
+        Score::of(self.episodes.iter().map(|episode| episode.run(robot, skill, config, self.plant)).collect(), config)
     }
 
     /// As [`score`](Self::score), the episodes side by side.
@@ -77,7 +85,7 @@ impl Arena {
         skill: &RolledSkill,
         config: &SearchConfig,
     ) -> Score {
-        Score::of(self.episodes.par_iter().map(|episode| episode.run(robot, skill, config)).collect(), config)
+        Score::of(self.episodes.par_iter().map(|episode| episode.run(robot, skill, config, self.plant)).collect(), config)
     }
 }
 
@@ -87,8 +95,8 @@ impl Episode {
         spawner: &Spawner,
         config: &SearchConfig,
         seed: u64,
-        index: usize,
-        count: usize,
+        (index, count): (usize, usize),
+        plant: PlantKind,
     ) -> Option<Self> {
         let row = index as u64;
         let mut rng = stream(seed, "episode", &[row]);
@@ -97,14 +105,20 @@ impl Episode {
         let mix = config.terrain_at(f64::from(draw));
         let size_m = uniform(&mut rng, mix.size_m[0], mix.size_m[1]);
         let terrain = Terrain::tile(mix.kind, size_m, derived_seed(seed, "terrain", &[row]));
-        let mut plant = Plant::new(robot, &terrain, PLANT);
+        let mut plant = Plant::new(robot, &terrain, plant);
         let spawn = spawner.settle(&mut plant, &terrain, &mut rng).ok()?;
         let chance = Chance::draw(derived_seed(seed, "chance", &[row]), 0, &Perturbations::all(), SensorNoise::default());
         Some(Self { terrain, spawn, chance })
     }
 
-    fn run(&self, robot: &Arc<RobotModel>, skill: &RolledSkill, config: &SearchConfig) -> Rollout {
-        let mut plant = Plant::new(robot, &self.terrain, PLANT);
+    fn run(
+        &self,
+        robot: &Arc<RobotModel>,
+        skill: &RolledSkill,
+        config: &SearchConfig,
+        plant: PlantKind,
+    ) -> Rollout {
+        let mut plant = Plant::new(robot, &self.terrain, plant);
         let rules = RolloutRules {
             horizon_m: config.horizon_m,
             time_limit_s: config.time_limit_s,

@@ -50,6 +50,9 @@ pub struct Args {
     /// Stop after this many generations instead of the configured number.
     #[arg(long)]
     generations: Option<usize>,
+    /// First step of the search instead of the configured one: smaller to refine what was found.
+    #[arg(long, value_name = "SHARE")]
+    initial_step: Option<f64>,
     /// Continue a stopped run with the same seed.
     #[arg(long)]
     resume: bool,
@@ -80,6 +83,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if let Some(generations) = args.generations {
         config.generations = generations;
     }
+    if let Some(initial_step) = args.initial_step {
+        config.initial_step = initial_step;
+    }
+    config.check()?;
     if let Some(other) = &args.start_from {
         let path = parameter_file(&installation, &read_manifest(&installation, other)?)?;
         config.start = toml::from_str(&read(&path)?).with_context(|| path.display().to_string())?;
@@ -133,7 +140,7 @@ impl Search<'_> {
         let config = &self.config;
         let history = History::open(&self.history_path(), self.args.resume)?;
         let generation = AtomicUsize::new(0);
-        let arena = RwLock::new(Arena::default());
+        let arena = RwLock::new(Arena::empty());
         let objective = |point: &DVector<f64>| {
             let generation = generation.load(Ordering::SeqCst);
             let point = point.as_slice();
@@ -162,6 +169,7 @@ impl Search<'_> {
                     self.args.seed,
                     &format!("generation {index}"),
                     config.episodes,
+                    episode::SEARCH_PLANT,
                 );
                 *arena.write().unwrap_or_else(PoisonError::into_inner) = fresh;
             }
@@ -186,7 +194,7 @@ impl Search<'_> {
     fn judge(&self, text: &str) -> anyhow::Result<Score> {
         let skill = self.skill(text)?;
         let arena =
-            Arena::new(&self.robot, &self.config, self.args.seed, "final", self.config.final_episodes);
+            Arena::new(&self.robot, &self.config, self.args.seed, "final", self.config.final_episodes, episode::JUDGE_PLANT);
         Ok(arena.score_in_parallel(&self.robot, &skill, &self.config))
     }
 
@@ -199,16 +207,22 @@ impl Search<'_> {
     }
 
     fn header(&self, score: &Score) -> String {
+        let options = [
+            ("start-from", self.args.start_from.clone()),
+            ("generations", self.args.generations.map(|count| count.to_string())),
+            ("initial-step", self.args.initial_step.map(|step| step.to_string())),
+        ];
+        let options: String =
+            options.iter().filter_map(|(name, value)| Some(format!(" --{name} {}", value.as_ref()?))).collect();
         format!(
-            "# Found by: vocaloco train-policy --skill {} --seed {}{}\n\
+            "# Found by: vocaloco train-policy --skill {} --seed {}{options}\n\
              # On {} fresh episodes over {} m ({} plant): {:.1} % reached, {:.1} % base contact, \
              {:.1} % out of time,\n# mean cost of transport {:.3}, mean speed {:.2} m/s.\n",
             self.args.skill,
             self.args.seed,
-            self.args.start_from.as_ref().map_or(String::new(), |skill| format!(" --start-from {skill}")),
             score.episodes,
             self.config.horizon_m,
-            episode::PLANT.id(),
+            episode::JUDGE_PLANT.id(),
             100.0 * score.reached,
             100.0 * score.crashed,
             100.0 * (1.0 - score.reached - score.crashed),
