@@ -6,7 +6,7 @@ use super::Runtime;
 use crate::decision::Forced;
 use crate::observation::Observation;
 use crate::selector::{Choice, Reason, is_zero};
-use crate::stand::Handover;
+use crate::stand::Sensed;
 use crate::switch::Active;
 
 impl Runtime {
@@ -56,21 +56,22 @@ impl Runtime {
                 }
             }
         }
-        let handover = Handover {
+        self.stand(Sensed {
             position_rad: Some(&observation.joint_position_rad),
             torque_nm: observation.joint_torque_nm.as_deref(),
-            last: None,
-        };
-        self.stand(handover, observation.projected_gravity);
+            contact: observation.foot_contact.as_deref(),
+            gravity: Some(observation.projected_gravity),
+            velocity_m_per_s: Some(observation.base_linear_velocity),
+        });
     }
 
-    pub(super) fn stand(&mut self, handover: Handover<'_>, gravity: [f32; 3]) {
+    pub(super) fn stand(&mut self, sensed: Sensed<'_>) {
         if self.drives != Some(Active::Stand) {
             let last = self.drives.is_some().then_some(self.joints.as_slice());
-            self.stand.begin(Handover { last, ..handover });
+            self.stand.begin(sensed, last);
             self.drives = Some(Active::Stand);
         }
-        self.stand.step(1.0 / self.config.rate_hz, gravity, &mut self.joints);
+        self.stand.step(1.0 / self.config.rate_hz, sensed, &mut self.joints);
     }
 
     /// Targets of one skill into `candidate`, reset first if it did not drive before.

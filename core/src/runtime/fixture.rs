@@ -165,7 +165,7 @@ impl Loop {
         self.runtime
             .joints
             .iter()
-            .all(|joint| joint.stiffness_nm_per_rad == robot().stand.stiffness_nm_per_rad)
+            .all(|joint| joint.stiffness_nm_per_rad >= robot().stand.stiffness_nm_per_rad)
     }
 }
 

@@ -27,7 +27,7 @@ use crate::plugin::PluginError;
 use crate::registry::LoadedDeployment;
 use crate::robot::RobotModel;
 use crate::selector::{Choice, Prediction, Reason, Selector};
-use crate::stand::{Handover, Stand};
+use crate::stand::{Sensed, Stand};
 use crate::switch::{Active, SwitchFilter, Windows};
 
 /// Why a loop cannot start.
@@ -260,8 +260,7 @@ impl Runtime {
             };
         }
         self.force(Forced::Observation);
-        let handover = Handover { position_rad: None, torque_nm: None, last: None };
-        self.stand(handover, [0.0, 0.0, -1.0]);
+        self.stand(Sensed::default());
         self.decision.timings = None;
         self.record(Choice::Stop);
         Tick { decision: &self.decision, joints: &self.joints }

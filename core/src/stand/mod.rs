@@ -1,8 +1,9 @@
 //! The core's own controller: the robot stands, whatever happens to skills, sensors or commands.
 //!
-//! From where the joints are it brings each leg to the stand pose, on a straight line in joint space
-//! and no faster than the foot may be lowered; then it holds. It begins with the torque that the
-//! joints carry at that moment, so that taking over is no jolt and the robot does not sag.
+//! A foot on the ground stays where it is; a foot in the air is lowered, no faster than the robot's
+//! file says, to where it catches the robot's motion. Each leg that touches carries its share of the
+//! weight by its target, so that PD alone neither sags nor jolts. Feet are never dragged into a pose:
+//! that pushes a robot stopped in mid-stride on, and it falls.
 
 mod legs;
 
@@ -13,25 +14,48 @@ use vocaloco_plugin_api::JointTarget;
 use crate::robot::RobotModel;
 use legs::{Leg, dot};
 
-/// A foot moves no faster than this many times the lowering speed: sideways it may go quicker than
-/// down, but not jump.
-const FOOT_SPEED_FACTOR: f64 = 2.0;
-/// The way to the stand pose takes at least this long, s.
-const LEAST_S: f64 = 0.2;
-/// A joint that belongs to no leg moves at this speed, rad/s.
-const OTHER_JOINTS_RAD_PER_S: f64 = 1.0;
-/// Within this of the stand pose at the start of the loop the robot is taken to stand already, rad.
-const STANDING_ALREADY_RAD: f32 = 0.1;
+const GRAVITY_M_PER_S2: f64 = 9.81;
+/// Time constant with which a leg takes on its share of the weight, s.
+const LOAD_S: f64 = 0.1;
+/// A foot is lowered at most this far below the deepest one that touches, m: beyond is a hole.
+const DEEPEST_BELOW_M: f64 = 0.2;
+/// Without contact sensing a foot this close to the deepest one is taken to touch, m.
+const TOUCHING_M: f64 = 0.015;
+/// While it brakes, the legs are this much stiffer and more damped than in the stand: at the stand's
+/// own gains a robot stopped at 0.7 m/s tips over its yielding front legs in half of the gait's
+/// phases (measured in the simulator, see `tests/a_stop_keeps_its_feet.rs`).
+const BRAKING_STIFFNESS: f64 = 2.5;
+const BRAKING_DAMPING: f64 = 3.0;
+/// Time constant with which that fades once every foot touches, s.
+const BRAKING_S: f64 = 1.0;
+/// A foot in the air goes sideways at no more than this, m/s.
+const ASIDE_M_PER_S: f64 = 1.5;
+/// A foot is set down at most this far from below its hip, m.
+const MOST_AHEAD_M: f64 = 0.25;
+/// Damping of the inverse that lowers a foot, m/rad: a stretched leg moves little rather than fast.
+const INVERSE_DAMPING: f64 = 0.03;
 
-/// What is known of the joints when the stand takes over.
-#[derive(Clone, Copy, Debug)]
-pub struct Handover<'a> {
+/// What is known of the robot in a tick.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sensed<'a> {
     /// Measured positions, rad; none when the measurement cannot be used.
     pub position_rad: Option<&'a [f32]>,
     /// Measured torques, N·m, where known.
     pub torque_nm: Option<&'a [f32]>,
-    /// What the drives were last told; none at the start of the loop.
-    pub last: Option<&'a [JointTarget]>,
+    /// Which feet touch, where known.
+    pub contact: Option<&'a [bool]>,
+    /// Unit vector of gravity in the base frame, where known.
+    pub gravity: Option<[f32; 3]>,
+    /// Velocity of the base in its own frame, where known, m/s.
+    pub velocity_m_per_s: Option<[f32; 3]>,
+}
+
+impl Sensed<'_> {
+    fn down(&self) -> [f64; 3] {
+        let gravity = self.gravity.unwrap_or([0.0, 0.0, -1.0]).map(f64::from);
+        let length = dot(gravity, gravity).sqrt();
+        if length > 0.1 { gravity.map(|component| component / length) } else { [0.0, 0.0, -1.0] }
+    }
 }
 
 /// The stand of one robot.
@@ -39,120 +63,197 @@ pub struct Handover<'a> {
 pub struct Stand {
     robot: Arc<RobotModel>,
     legs: Vec<Leg>,
-    /// Joints of no leg.
-    others: Vec<usize>,
-    start_rad: Vec<f64>,
-    goal_rad: Vec<f64>,
-    now_rad: Vec<f64>,
-    /// How far each leg has come, 0 to 1.
-    progress: Vec<f64>,
+    landed: Vec<bool>,
+    /// Where each foot is in the stand pose, base frame, m.
+    home_m: Vec<[f64; 3]>,
+    /// Where each joint is held, rad.
+    held_rad: Vec<f64>,
+    /// The torque that each joint is asked for there, N·m.
+    load_nm: Vec<f64>,
+    /// 1 while the robot is brought to rest, fading to 0 in the stand.
+    braking: f64,
 }
 
 impl Stand {
-    /// A stand at rest in its pose.
+    /// A stand at rest in the robot's stand pose.
     pub fn new(robot: Arc<RobotModel>) -> Self {
         let legs = Leg::all(&robot.description);
-        let goal_rad: Vec<f64> = robot.description.joints.iter().map(|joint| joint.stand_rad).collect();
-        let in_legs: Vec<usize> = legs.iter().flat_map(Leg::joints).collect();
-        Self {
-            others: (0..goal_rad.len()).filter(|joint| !in_legs.contains(joint)).collect(),
-            progress: vec![1.0; legs.len()],
-            start_rad: goal_rad.clone(),
-            now_rad: goal_rad.clone(),
-            goal_rad,
+        let held_rad: Vec<f64> = robot.description.joints.iter().map(|joint| joint.stand_rad).collect();
+        let mut stand = Self {
+            landed: vec![true; legs.len()],
+            home_m: legs.iter().map(|leg| leg.foot_in_base_m(&held_rad)).collect(),
+            held_rad,
+            load_nm: vec![0.0; robot.joint_count()],
+            braking: 0.0,
             legs,
             robot,
-        }
+        };
+        stand.load(1.0, [0.0, 0.0, -1.0]);
+        stand
     }
 
-    /// Takes over the joints.
+    /// Takes over the joints where they are; `last` is what their drives were told, none at the start
+    /// of the loop.
     ///
-    /// A joint starts at the target at which its drive, with the stand's stiffness, gives the torque
-    /// it was giving: `q + τ/k`, with τ measured or as the last target asks for it.
-    pub fn begin(&mut self, from: Handover<'_>) {
-        let stiffness = f64::from(self.robot.stand.stiffness_nm_per_rad);
+    /// A leg on the ground begins with the torques that it has, measured or as last asked for.
+    /// Without any measurement the joints are held at their last targets, or at the stand pose.
+    pub fn begin(&mut self, sensed: Sensed<'_>, last: Option<&[JointTarget]>) {
         for (index, joint) in self.robot.description.joints.iter().enumerate() {
-            let measured = from.position_rad.map(|positions| positions[index]);
-            let last = from.last.map(|targets| targets[index]);
-            let torque_nm = match (from.torque_nm, last, measured) {
+            let measured = sensed.position_rad.map(|positions| positions[index]);
+            let last = last.map(|targets| targets[index]);
+            let torque_nm = match (sensed.torque_nm, last, measured) {
                 (Some(torques), ..) => torques[index],
                 (None, Some(last), Some(measured)) => {
                     last.stiffness_nm_per_rad * (last.position_rad - measured) + last.feed_forward_nm
                 }
                 _ => 0.0,
             };
-            let torque_nm = f64::from(torque_nm).clamp(-joint.effort_nm, joint.effort_nm);
+            self.load_nm[index] = f64::from(torque_nm).clamp(-joint.effort_nm, joint.effort_nm);
             let position = measured.or(last.map(|last| last.position_rad)).map_or(joint.stand_rad, f64::from);
-            self.start_rad[index] = position.clamp(joint.lower_rad, joint.upper_rad) + torque_nm / stiffness;
+            self.held_rad[index] = position.clamp(joint.lower_rad, joint.upper_rad);
         }
-        let standing = from.last.is_none()
-            && from.position_rad.is_none_or(|positions| {
-                positions
-                    .iter()
-                    .zip(&self.goal_rad)
-                    .all(|(position, goal)| (position - *goal as f32).abs() < STANDING_ALREADY_RAD)
-            });
-        if standing {
-            self.start_rad.copy_from_slice(&self.goal_rad);
+        self.braking = if last.is_some() { 1.0 } else { 0.0 };
+        let down = sensed.down();
+        let depths = self.depths_m(down);
+        let deepest_m = depths.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        for (leg, depth_m) in depths.into_iter().enumerate() {
+            self.landed[leg] = match sensed.contact {
+                Some(contact) => contact[leg],
+                None => depth_m > deepest_m - TOUCHING_M,
+            };
+            if !self.landed[leg] {
+                self.legs[leg].joints().for_each(|joint| self.load_nm[joint] = 0.0);
+            }
         }
-        self.now_rad.copy_from_slice(&self.start_rad);
-        self.progress.fill(0.0);
+        // At the start of the loop there is nothing to take over from: the weight is there already.
+        if last.is_none() && sensed.torque_nm.is_none() {
+            self.load(1.0, down);
+        }
     }
 
-    /// One tick of `dt_s`: fills `joints`. `gravity` is its unit vector in the base frame.
-    pub fn step(&mut self, dt_s: f64, gravity: [f32; 3], joints: &mut [JointTarget]) {
-        let gravity = gravity.map(f64::from);
-        for index in 0..self.legs.len() {
-            self.advance(index, dt_s, gravity);
+    /// One tick of `dt_s`: fills `joints`.
+    pub fn step(&mut self, dt_s: f64, sensed: Sensed<'_>, joints: &mut [JointTarget]) {
+        let down = sensed.down();
+        let depths = self.depths_m(down);
+        let landed = depths.iter().zip(&self.landed).filter(|(_, landed)| **landed).map(|(depth, _)| *depth);
+        let deepest_m = landed.fold(f64::NEG_INFINITY, f64::max);
+        for (leg, depth_m) in depths.into_iter().enumerate() {
+            if self.landed[leg] {
+                continue;
+            }
+            let touches = match sensed.contact {
+                Some(contact) => contact[leg],
+                None => depth_m >= deepest_m - 0.001,
+            };
+            if touches {
+                self.landed[leg] = true;
+                self.hold(leg, sensed.position_rad);
+            } else if depth_m < deepest_m.max(self.stand_depth_m()) + DEEPEST_BELOW_M {
+                let lowered_m = f64::from(self.robot.stand.lowering_speed_m_per_s) * dt_s;
+                let aside = self.aside_m(leg, &sensed, down);
+                let reach = (ASIDE_M_PER_S * dt_s / dot(aside, aside).sqrt().max(1e-9)).min(1.0);
+                let step = std::array::from_fn(|axis| lowered_m * down[axis] + reach * aside[axis]);
+                self.move_foot(leg, step);
+            }
         }
-        for &joint in &self.others {
-            let reach = OTHER_JOINTS_RAD_PER_S * dt_s;
-            let left = self.goal_rad[joint] - self.now_rad[joint];
-            self.now_rad[joint] += left.clamp(-reach, reach);
+        self.load((dt_s / LOAD_S).min(1.0), down);
+        if self.is_settled() {
+            self.braking *= 1.0 - (dt_s / BRAKING_S).min(1.0);
         }
-        for (target, position) in joints.iter_mut().zip(&self.now_rad) {
+        let stand = &self.robot.stand;
+        let stiffer = 1.0 + self.braking * (BRAKING_STIFFNESS - 1.0);
+        let more_damped = 1.0 + self.braking * (BRAKING_DAMPING - 1.0);
+        let stiffness_nm_per_rad = f64::from(stand.stiffness_nm_per_rad) * stiffer;
+        for (target, (held_rad, load_nm)) in joints.iter_mut().zip(self.held_rad.iter().zip(&self.load_nm)) {
             *target = JointTarget {
-                position_rad: *position as f32,
-                stiffness_nm_per_rad: self.robot.stand.stiffness_nm_per_rad,
-                damping_nms_per_rad: self.robot.stand.damping_nms_per_rad,
+                position_rad: (held_rad + load_nm / stiffness_nm_per_rad) as f32,
+                stiffness_nm_per_rad: stiffness_nm_per_rad as f32,
+                damping_nms_per_rad: stand.damping_nms_per_rad * more_damped as f32,
                 feed_forward_nm: 0.0,
             };
         }
     }
 
-    /// Whether every leg has reached the stand pose.
+    /// Whether every foot has touched.
     pub fn is_settled(&self) -> bool {
-        self.progress.iter().all(|&progress| progress >= 1.0)
+        self.landed.iter().all(|&landed| landed)
     }
 
-    fn advance(&mut self, index: usize, dt_s: f64, gravity: [f64; 3]) {
-        let progress = self.progress[index];
-        if progress >= 1.0 {
-            return;
+    /// What a foot in the air still has to go sideways: to below its place in the stand pose, and by the
+    /// distance ahead at which a robot of this height and speed comes to rest, `v·√(h/g)`.
+    fn aside_m(&self, leg: usize, sensed: &Sensed<'_>, down: [f64; 3]) -> [f64; 3] {
+        let Some(velocity) = sensed.velocity_m_per_s else { return [0.0; 3] };
+        let rest_s = (self.robot.description.stand_height_m / GRAVITY_M_PER_S2).sqrt();
+        let foot = self.legs[leg].foot_in_base_m(&self.held_rad);
+        let home = self.home_m[leg];
+        let wanted: [f64; 3] = std::array::from_fn(|axis| {
+            let ahead = (f64::from(velocity[axis]) * rest_s).clamp(-MOST_AHEAD_M, MOST_AHEAD_M);
+            home[axis] + ahead - foot[axis]
+        });
+        let along = dot(wanted, down);
+        std::array::from_fn(|axis| wanted[axis] - along * down[axis])
+    }
+
+    /// How far each foot is below the base, along gravity, m.
+    fn depths_m(&self, down: [f64; 3]) -> Vec<f64> {
+        self.legs.iter().map(|leg| dot(leg.foot_in_base_m(&self.held_rad), down)).collect()
+    }
+
+    fn stand_depth_m(&self) -> f64 {
+        let radius_m = self.robot.description.feet.first().map_or(0.0, |foot| foot.radius_m);
+        self.robot.description.stand_height_m - radius_m
+    }
+
+    /// Holds a leg where it is measured to be.
+    fn hold(&mut self, leg: usize, position_rad: Option<&[f32]>) {
+        let Some(positions) = position_rad else { return };
+        for index in self.legs[leg].joints() {
+            let joint = &self.robot.description.joints[index];
+            self.held_rad[index] = f64::from(positions[index]).clamp(joint.lower_rad, joint.upper_rad);
         }
-        let leg = &self.legs[index];
-        let (start, goal) = (&self.start_rad, &self.goal_rad);
-        let foot_at = |progress: f64| {
-            leg.foot_in_base_m(|joint| start[joint] + progress * (goal[joint] - start[joint]))
-        };
-        let lowered_m = f64::from(self.robot.stand.lowering_speed_m_per_s) * dt_s;
-        let here = foot_at(progress);
-        let mut step = (dt_s / LEAST_S).min(1.0 - progress);
-        // A leg's foot path is smooth, so a few halvings find a step that is slow enough; should
-        // they not, the last one is 1/4096 of the whole way, which is slow enough for any leg.
-        for _ in 0..12 {
-            let there = foot_at(progress + step);
-            let moved: [f64; 3] = std::array::from_fn(|axis| there[axis] - here[axis]);
-            let down_m = dot(moved, gravity);
-            if down_m <= lowered_m && dot(moved, moved) <= (FOOT_SPEED_FACTOR * lowered_m).powi(2) {
-                break;
+    }
+
+    /// Moves a foot by `step_m`: `Δq = Jᵀ·(J·Jᵀ + λ²)⁻¹·Δp`, solved for the three
+    /// directions together.
+    fn move_foot(&mut self, leg: usize, step_m: [f64; 3]) {
+        let leg = &self.legs[leg];
+        let rows: [Vec<f64>; 3] = std::array::from_fn(|axis| {
+            let mut direction = [0.0; 3];
+            direction[axis] = 1.0;
+            leg.moves_foot(&self.held_rad, direction)
+        });
+        let product = nalgebra::Matrix3::from_fn(|i, j| {
+            let damping = if i == j { INVERSE_DAMPING * INVERSE_DAMPING } else { 0.0 };
+            rows[i].iter().zip(&rows[j]).map(|(a, b)| a * b).sum::<f64>() + damping
+        });
+        let wanted = nalgebra::Vector3::from(step_m);
+        let Some(weights) = product.cholesky().map(|factor| factor.solve(&wanted)) else { return };
+        let mut moved_rad = self.held_rad.clone();
+        for (column, index) in leg.joints().enumerate() {
+            let joint = &self.robot.description.joints[index];
+            let change: f64 = (0..3).map(|axis| rows[axis][column] * weights[axis]).sum();
+            moved_rad[index] = (moved_rad[index] + change).clamp(joint.lower_rad, joint.upper_rad);
+        }
+        // At the end of its reach or range a leg would swing elsewhere instead; there it stays.
+        let (from, to) = (leg.foot_in_base_m(&self.held_rad), leg.foot_in_base_m(&moved_rad));
+        let moved_m: [f64; 3] = std::array::from_fn(|axis| to[axis] - from[axis]);
+        if dot(moved_m, step_m) > 0.1 * dot(step_m, step_m) {
+            self.held_rad = moved_rad;
+        }
+    }
+
+    /// Brings every leg's torques by `share` of the way to what its part of the weight asks for:
+    /// `τ = −Jᵀ·f` with f the weight over the number of legs, upward; none for a leg in the air.
+    fn load(&mut self, share: f64, down: [f64; 3]) {
+        let weight_n = self.robot.description.mass_kg * GRAVITY_M_PER_S2 / self.legs.len().max(1) as f64;
+        for (leg, landed) in self.legs.iter().zip(&self.landed) {
+            let along_down = leg.moves_foot(&self.held_rad, down);
+            for (index, moved) in leg.joints().zip(along_down) {
+                let effort_nm = self.robot.description.joints[index].effort_nm;
+                // Against an upward force on the foot the joint must push it down.
+                let wanted_nm = if *landed { (moved * weight_n).clamp(-effort_nm, effort_nm) } else { 0.0 };
+                self.load_nm[index] += share * (wanted_nm - self.load_nm[index]);
             }
-            step *= 0.5;
-        }
-        let progress = if progress + step > 1.0 - 1e-9 { 1.0 } else { progress + step };
-        self.progress[index] = progress;
-        for joint in leg.joints() {
-            self.now_rad[joint] = start[joint] + progress * (goal[joint] - start[joint]);
         }
     }
 }
