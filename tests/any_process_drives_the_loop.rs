@@ -187,3 +187,24 @@ fn a_tick_or_a_file_that_is_not_there_is_exit_code_2() {
     assert_eq!(output.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&output.stderr).contains("no/such.mcap"));
 }
+
+#[test]
+fn the_simulator_is_a_source_like_any_other() {
+    let fixture = fixture();
+    let log = fixture.root().join("sim.mcap");
+    let file = log.to_str().expect("UTF-8");
+    let arguments = ["run", "--deployment", "stairs", "--source", "sim", "--log", file, "--json"];
+    let output = vocaloco(fixture.root(), &arguments, "");
+    let report: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    // The skill holds the stand, so the robot stays where it is until the time is up.
+    assert_eq!(report["outcome"], "stuck", "{report}");
+    assert_eq!(report["switches"], json!([{"t_s": 0.18, "from": "stand", "to": "walk"}]));
+
+    let source = format!("replay:{file}");
+    let replay = ["run", "--deployment", "stairs", "--source", &source, "--json"];
+    let replayed = vocaloco(fixture.root(), &replay, "");
+    let replayed: Value = serde_json::from_slice(&replayed.stdout).expect("one JSON object");
+    assert_eq!(replayed["differing_ticks"], 0, "{replayed}");
+    assert_eq!(output.stdout, vocaloco(fixture.root(), &arguments, "").stdout, "and it repeats exactly");
+}
