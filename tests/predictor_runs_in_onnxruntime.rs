@@ -26,7 +26,7 @@ fn fields() -> Vec<Field> {
                     rise * (i as f32 / depth).floor() + 0.01 * j as f32 + uniform(&mut rng, -0.1, 0.1)
                 })
             });
-            Heightfield { cells_m }.prepare(None).unwrap()
+            Heightfield { cells_m }.prepare(None).expect("a field without unknown cells")
         })
         .collect()
 }
@@ -41,17 +41,19 @@ fn in_onnxruntime(models: &[PathBuf], fields: &[Field]) -> serde_json::Value {
         .expect("python3 is installed");
     let cells: Vec<&[f32]> = fields.iter().map(|field| field.as_slice().as_slice()).collect();
     let request = serde_json::json!({ "models": models, "fields": cells });
-    child.stdin.take().unwrap().write_all(request.to_string().as_bytes()).unwrap();
-    let output = child.wait_with_output().unwrap();
+    let mut stdin = child.stdin.take().expect("a piped stdin");
+    stdin.write_all(request.to_string().as_bytes()).expect("python3 reads its input");
+    drop(stdin);
+    let output = child.wait_with_output().expect("python3 ends");
     assert!(output.status.success(), "python3 with onnx and onnxruntime; its error is above");
-    serde_json::from_slice(&output.stdout).unwrap()
+    serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
 fn compare(what: &str, found: &serde_json::Value, wanted: &[f32]) {
     let found = found.as_array().unwrap_or_else(|| panic!("{what}: no outputs"));
     assert_eq!(found.len(), wanted.len(), "{what}");
     for (k, (found, wanted)) in found.iter().zip(wanted).enumerate() {
-        let difference = (found.as_f64().unwrap() - f64::from(*wanted)).abs();
+        let difference = (found.as_f64().expect("a number") - f64::from(*wanted)).abs();
         assert!(difference < TOLERANCE, "{what}, field {k}: {found} against {wanted}");
     }
 }

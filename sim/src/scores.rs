@@ -112,7 +112,7 @@ mod tests {
         let single = brier(&[(0.7, 1.0), (0.7, 0.0)]);
         let shared = brier(&[(0.7, 0.5)]);
         assert!((single - shared).abs() < 1e-7, "{single} {shared}");
-        assert!((single - (0.09 + 0.49) / 2.0).abs() < 1e-7);
+        assert!((single - 0.29).abs() < 1e-7);
     }
 
     #[test]

@@ -75,7 +75,8 @@ impl Arena {
 
     /// Scores a skill, one episode after the other: candidates run side by side.
     pub(super) fn score(&self, robot: &Arc<RobotModel>, skill: &RolledSkill, config: &SearchConfig) -> Score {
-        Score::of(self.episodes.iter().map(|episode| episode.run(robot, skill, config, self.plant)).collect(), config)
+        let run = |episode: &Episode| episode.run(robot, skill, config, self.plant);
+        Score::of(&self.episodes.iter().map(run).collect::<Vec<_>>(), config)
     }
 
     /// As [`score`](Self::score), the episodes side by side.
@@ -85,7 +86,8 @@ impl Arena {
         skill: &RolledSkill,
         config: &SearchConfig,
     ) -> Score {
-        Score::of(self.episodes.par_iter().map(|episode| episode.run(robot, skill, config, self.plant)).collect(), config)
+        let run = |episode: &Episode| episode.run(robot, skill, config, self.plant);
+        Score::of(&self.episodes.par_iter().map(run).collect::<Vec<_>>(), config)
     }
 }
 
@@ -107,7 +109,12 @@ impl Episode {
         let terrain = Terrain::tile(mix.kind, size_m, derived_seed(seed, "terrain", &[row]));
         let mut plant = Plant::new(robot, &terrain, plant);
         let spawn = spawner.settle(&mut plant, &terrain, &mut rng).ok()?;
-        let chance = Chance::draw(derived_seed(seed, "chance", &[row]), 0, &Perturbations::all(), SensorNoise::default());
+        let chance = Chance::draw(
+            derived_seed(seed, "chance", &[row]),
+            0,
+            &Perturbations::all(),
+            SensorNoise::default(),
+        );
         Some(Self { terrain, spawn, chance })
     }
 
@@ -125,7 +132,8 @@ impl Episode {
             forward_m_per_s: config.forward_m_per_s,
             ..RolloutRules::default()
         };
-        Trial { terrain: &self.terrain, spawn: &self.spawn, skill, rules: &rules }.roll_out(&mut plant, &self.chance)
+        Trial { terrain: &self.terrain, spawn: &self.spawn, skill, rules: &rules }
+            .roll_out(&mut plant, &self.chance)
     }
 }
 
@@ -152,7 +160,7 @@ fn speed_m_per_s(rollout: &Rollout) -> f64 {
 }
 
 impl Score {
-    fn of(rollouts: Vec<Rollout>, config: &SearchConfig) -> Self {
+    fn of(rollouts: &[Rollout], config: &SearchConfig) -> Self {
         let count = rollouts.len().max(1) as f64;
         let share = |outcome: Outcome| {
             rollouts.iter().filter(|rollout| rollout.outcome == outcome).count() as f64 / count

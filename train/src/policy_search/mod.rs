@@ -193,8 +193,14 @@ impl Search<'_> {
 
     fn judge(&self, text: &str) -> anyhow::Result<Score> {
         let skill = self.skill(text)?;
-        let arena =
-            Arena::new(&self.robot, &self.config, self.args.seed, "final", self.config.final_episodes, episode::JUDGE_PLANT);
+        let arena = Arena::new(
+            &self.robot,
+            &self.config,
+            self.args.seed,
+            "final",
+            self.config.final_episodes,
+            episode::JUDGE_PLANT,
+        );
         Ok(arena.score_in_parallel(&self.robot, &skill, &self.config))
     }
 
@@ -212,8 +218,10 @@ impl Search<'_> {
             ("generations", self.args.generations.map(|count| count.to_string())),
             ("initial-step", self.args.initial_step.map(|step| step.to_string())),
         ];
-        let options: String =
-            options.iter().filter_map(|(name, value)| Some(format!(" --{name} {}", value.as_ref()?))).collect();
+        let options: String = options
+            .iter()
+            .filter_map(|(name, value)| Some(format!(" --{name} {}", value.as_ref()?)))
+            .collect();
         format!(
             "# Found by: vocaloco train-policy --skill {} --seed {}{options}\n\
              # On {} fresh episodes over {} m ({} plant): {:.1} % reached, {:.1} % base contact, \
