@@ -117,14 +117,17 @@ fn terrain(set: &Dataset) -> BTreeMap<&'static str, Range> {
 fn collected_by(set: &Dataset) -> anyhow::Result<String> {
     let meta = &set.meta;
     let rollouts: u64 = set.rollouts.iter().map(|n| u64::from(*n)).sum();
+    let source = meta.skill.plugin_source_sha256.as_ref();
+    let source = source.map_or("not at hand".to_owned(), |sha256| format!("sha256 `{sha256}`"));
     Ok(format!(
-        "`vocaloco collect`, {} rows drawn, {} stored, {rollouts} rollouts; robot {}, plugin {} {}, parameters \
-         sha256 `{}`, {} {}, config `{}`",
+        "`vocaloco collect`, {} rows drawn, {} stored, {rollouts} rollouts; robot {}, plugin {} {}, its \
+         source {}, parameters sha256 `{}`, {} {}, config `{}`",
         meta.rows,
         set.len(),
         meta.robot.name,
         meta.skill.plugin,
         meta.skill.plugin_version,
+        source,
         meta.skill.parameters_sha256,
         meta.simulator.name,
         meta.simulator.version,

@@ -43,8 +43,12 @@ pub(super) fn section(args: &Args, set: &DataSet, head: Head, fitted: &Fitted, r
             (card::cost_histogram(&labels), COT_LIMITS)
         }
     };
-    format!("{}\nLabels:\n\n{histogram}\nKnown limits:\n{limits}", card::facts(&rows))
+    format!("{}\nLabels:\n\n{histogram}\nKnown limits:\n{EPOCH_LIMIT}{limits}", card::facts(&rows))
 }
+
+const EPOCH_LIMIT: &str = "\
+- The epoch was chosen on the held-out rows, by their loss, so the scores above flatter.
+";
 
 const VIABILITY_LIMITS: &str = "\
 - Scores are of rows held out of the same data set; `evaluate calibration` measures on fresh terrain.

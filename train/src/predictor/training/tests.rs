@@ -28,7 +28,7 @@ fn meta(kind: Kind, skill: &str) -> Meta {
             name: skill.into(),
             plugin: "gait".into(),
             plugin_version: "0.1.0".into(),
-            plugin_source_sha256: None,
+            plugin_source_sha256: Some("5ca1ab1e".into()),
             parameters_sha256: String::new(),
         },
         simulator: SimulatorId { name: "rapier3d".into(), version: "0.36.1".into() },
@@ -115,6 +115,20 @@ fn a_data_set_becomes_two_models_that_load_and_a_card_that_says_whence() {
     train(data.path(), again.path(), &["--seed", "2", "--kind", "cot"]).unwrap();
     assert_eq!(read(out.path(), "viability.onnx"), read(again.path(), "viability.onnx"));
     assert_ne!(read(out.path(), "cot.onnx"), read(again.path(), "cot.onnx"));
+}
+
+#[test]
+fn a_card_says_which_source_collected_its_rows_and_that_they_chose_the_epoch() {
+    let (data, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    data_set(data.path(), Kind::Viability, "walk");
+    data_set(data.path(), Kind::Cot, "walk");
+    train(data.path(), out.path(), &["--threads", "1"]).unwrap();
+    let card = String::from_utf8(read(out.path(), "CARD.md")).unwrap();
+    for fact in
+        ["plugin gait 0.1.0, its source sha256 `5ca1ab1e`", "\n- The epoch was chosen on the held-out"]
+    {
+        assert_eq!(card.matches(fact).count(), 2, "{fact:?}, once for each model, in\n{card}");
+    }
 }
 
 #[test]
