@@ -9,13 +9,14 @@ use crate::{plant::BasePose, terrain::CourseKind};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// The base came within 0.5 m of the target on the far flat.
+    /// The base came within 0.5 m of the target, 0.3 to 0.9 m above the far flat.
     Reached,
-    /// The base touched something.
+    /// The base touched something, or left the map.
     Crashed,
-    /// Three times the course's length at 0.6 m/s had gone by.
+    /// Three times the course's length at 0.6 m/s had gone by, or the robot stood as under `Stopped` but
+    /// because of a fault.
     Stuck,
-    /// The robot stood for two seconds without a break, or at the end.
+    /// The robot stood for two seconds without a break, or at the end, and not because of a fault.
     Stopped,
 }
 

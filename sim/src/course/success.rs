@@ -49,15 +49,15 @@ pub struct SuccessRow {
     pub reached_low: f64,
     /// Upper end.
     pub reached_high: f64,
-    /// Share that touched something with the base, with its 95 % interval.
+    /// Share that touched something with the base or left the map, with its 95 % interval.
     pub crashed: f64,
     /// Lower end.
     pub crashed_low: f64,
     /// Upper end.
     pub crashed_high: f64,
-    /// Share that ran out of time.
+    /// Share that ran out of time, or stood because of a fault.
     pub stuck: f64,
-    /// Share that stopped.
+    /// Share that stopped, faults left out.
     pub stopped: f64,
     /// Mean cost of transport of those that reached the target.
     pub cot_mean: Option<f64>,

@@ -1,6 +1,10 @@
 use std::{path::Path, sync::Arc};
 
-use vocaloco_core::robot::RobotModel;
+use vocaloco_core::{
+    decision::{Decision, Forced, SkillVerdict},
+    robot::RobotModel,
+    selector::Reason,
+};
 use vocaloco_plugin_api::{Command, JointTarget};
 
 use super::*;
@@ -9,13 +13,17 @@ use crate::{
     terrain::Terrain,
 };
 
-/// Carries the robot through the air at a constant speed, or drops it.
+/// Up three steps of 12 cm by the time that it comes to the target.
+const CLIMBING: [f32; 3] = [0.6, 0.0, 0.05];
+
+/// Carries the robot through the air at a constant velocity, or drops it.
 struct Carrier {
     plant: Plant,
     robot: Arc<RobotModel>,
-    speed_m_per_s: f32,
+    velocity_m_per_s: [f32; 3],
     dropped: bool,
     active: fn(usize) -> &'static str,
+    decision: fn(usize) -> Option<Decision>,
     ticks: usize,
     commands: Vec<Command>,
 }
@@ -37,14 +45,17 @@ impl Pilot for Carrier {
                 self.plant.step(&vec![JointTarget::default(); self.robot.joint_count()]);
                 base_contact |= self.plant.measure().base_contact;
             }
-        } else if self.speed_m_per_s > 0.0 {
+        } else if self.velocity_m_per_s != [0.0; 3] {
             let mut base = self.plant.measure().base;
-            base.position_m[0] += self.speed_m_per_s * 0.02;
+            for (position, velocity) in base.position_m.iter_mut().zip(self.velocity_m_per_s) {
+                *position += velocity * 0.02;
+            }
             self.plant.place(&base, &self.robot.stand_position_rad());
         }
         let active = (self.active)(self.ticks).to_owned();
+        let decision = (self.decision)(self.ticks);
         self.ticks += 1;
-        Ok(PilotTick { decision: None, active, base_contact, nonfoot_contact: base_contact })
+        Ok(PilotTick { decision, active, base_contact, nonfoot_contact: base_contact })
     }
 }
 
@@ -58,9 +69,10 @@ fn carrier(config: &CourseConfig, yaw_rad: f32) -> Carrier {
     Carrier {
         plant,
         robot,
-        speed_m_per_s: 0.0,
+        velocity_m_per_s: [0.0; 3],
         dropped: false,
         active: |_| "walk",
+        decision: |_| None,
         ticks: 0,
         commands: Vec::new(),
     }
@@ -72,7 +84,7 @@ fn config() -> CourseConfig {
 
 #[test]
 fn half_a_metre_before_the_target_is_reached() {
-    let mut carrier = Carrier { speed_m_per_s: 0.6, ..carrier(&config(), 0.0) };
+    let mut carrier = Carrier { velocity_m_per_s: CLIMBING, ..carrier(&config(), 0.0) };
     let run = drive(&config(), &mut carrier).unwrap();
     assert_eq!(run.outcome, Outcome::Reached);
     // Flat 3 m, three treads, 2 m of the far flat, less half a metre; from x = 1 m.
@@ -80,6 +92,26 @@ fn half_a_metre_before_the_target_is_reached() {
     assert!((run.distance_m - wanted_m).abs() < 0.02, "{} for {wanted_m}", run.distance_m);
     assert!((run.duration_s - wanted_m / 0.6).abs() < 0.05, "{} s", run.duration_s);
     assert_eq!(run.ticks.len(), (run.duration_s / 0.02).round() as usize);
+}
+
+#[test]
+fn passing_under_the_far_flat_is_not_reaching_it() {
+    let mut carrier = Carrier { velocity_m_per_s: [0.6, 0.0, 0.0], ..carrier(&config(), 0.0) };
+    let run = drive(&config(), &mut carrier).unwrap();
+    assert_eq!(run.outcome, Outcome::Crashed, "it left the map at the end");
+    let wanted_m = 2.0 * 3.0 + 0.93 - 1.0;
+    assert!((run.distance_m - wanted_m).abs() < 0.02, "{} for {wanted_m}", run.distance_m);
+}
+
+#[test]
+fn leaving_the_map_to_a_side_is_a_crash() {
+    for (to_the_left_m_per_s, way_m) in [(0.6, 1.9), (-0.6, 2.1)] {
+        let velocity_m_per_s = [0.6, to_the_left_m_per_s, 0.05];
+        let mut carrier = Carrier { velocity_m_per_s, ..carrier(&config(), 0.0) };
+        let run = drive(&config(), &mut carrier).unwrap();
+        assert_eq!(run.outcome, Outcome::Crashed);
+        assert!((run.distance_m - way_m).abs() < 0.02, "{} for {way_m}", run.distance_m);
+    }
 }
 
 #[test]
@@ -103,6 +135,33 @@ fn standing_for_two_seconds_without_a_break_is_a_stop() {
     assert!((run.switches[0].t_s - 1.2).abs() < 1e-9);
 }
 
+fn decided(forced: Option<Forced>, reason: Reason) -> Decision {
+    let walk = SkillVerdict { name: "walk".into(), viability: None, cot: None, viable: false, reason };
+    Decision { forced, skills: vec![walk], ..Decision::default() }
+}
+
+#[test]
+fn standing_because_of_a_fault_is_stuck_until_a_skill_drives_again() {
+    let stands = Carrier {
+        active: |tick| if tick < 60 { "walk" } else { "stand" },
+        decision: |tick| Some(decided((tick == 60).then_some(Forced::Fault), Reason::CommandKind)),
+        ..carrier(&config(), 0.0)
+    };
+    let [mut faulted, mut resumed, mut none_left] =
+        [stands, carrier(&config(), 0.0), carrier(&config(), 0.0)];
+    let run = drive(&config(), &mut faulted).unwrap();
+    assert_eq!(run.outcome, Outcome::Stuck);
+    assert!((run.duration_s - (60.0 * 0.02 + 2.0)).abs() < 1e-9, "{} s", run.duration_s);
+
+    (resumed.decision, resumed.active) =
+        (faulted.decision, |tick| if tick < 60 || tick == 80 { "walk" } else { "stand" });
+    assert_eq!(drive(&config(), &mut resumed).unwrap().outcome, Outcome::Stopped);
+
+    (none_left.decision, none_left.active) =
+        (|_| Some(decided(None, Reason::PredictionsFailed)), |_| "stand");
+    assert_eq!(drive(&config(), &mut none_left).unwrap().outcome, Outcome::Stuck);
+}
+
 #[test]
 fn going_nowhere_under_a_skill_is_stuck_after_three_times_the_length() {
     let config = CourseConfig { recorded: false, ..config() };
@@ -116,7 +175,7 @@ fn going_nowhere_under_a_skill_is_stuck_after_three_times_the_length() {
 #[test]
 fn skills_are_named_in_the_order_of_use_without_standing() {
     let mut carrier = Carrier {
-        speed_m_per_s: 0.6,
+        velocity_m_per_s: CLIMBING,
         active: |tick| match tick {
             0..10 | 150..160 => "stand",
             100..150 | 160..180 => "ascend",
@@ -131,7 +190,7 @@ fn skills_are_named_in_the_order_of_use_without_standing() {
 
 #[test]
 fn the_command_steers_to_the_heading_and_never_sideways() {
-    let mut carrier = Carrier { speed_m_per_s: 0.6, ..carrier(&config(), 0.4) };
+    let mut carrier = Carrier { velocity_m_per_s: CLIMBING, ..carrier(&config(), 0.4) };
     drive(&config(), &mut carrier).unwrap();
     for command in &carrier.commands {
         assert!((command.velocity[0] - 0.6).abs() < 1e-6 && command.velocity[1] == 0.0);

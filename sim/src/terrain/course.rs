@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 /// Length of the flat before and of the flat after the stairs, m.
 pub const FLAT_M: f32 = 3.0;
-const WIDTH_M: f32 = 4.0;
+/// Width of a course, its middle at y = 0, m.
+pub const COURSE_WIDTH_M: f32 = 4.0;
 
 /// The courses that selectors are evaluated on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -37,7 +38,7 @@ impl CourseKind {
 
 pub(super) fn build(kind: CourseKind, rise_m: f32, steps: usize) -> Terrain {
     let length_m = 2.0 * FLAT_M + steps as f32 * TREAD_M;
-    let map = Area { min_m: [0.0, -0.5 * WIDTH_M], max_m: [length_m, 0.5 * WIDTH_M] };
+    let map = Area { min_m: [0.0, -0.5 * COURSE_WIDTH_M], max_m: [length_m, 0.5 * COURSE_WIDTH_M] };
     let solids = match kind {
         CourseKind::StairsUp => tile::stairs_up(map, FLAT_M, rise_m, steps),
         CourseKind::StairsDown => tile::stairs_down(map, FLAT_M, rise_m, steps),

@@ -12,7 +12,7 @@ mod tile;
 #[cfg(test)]
 mod tests;
 
-pub use course::{CourseKind, FLAT_M};
+pub use course::{COURSE_WIDTH_M, CourseKind, FLAT_M};
 pub use sensing::Vantage;
 pub use solid::Solid;
 
