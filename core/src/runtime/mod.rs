@@ -89,7 +89,7 @@ pub struct Runtime {
     filter: SwitchFilter,
     stand: Stand,
     clock: Option<fn() -> Duration>,
-    /// Who made the targets in `joints`; none before the first tick.
+    /// Who made the targets in `joints`; none before the first usable observation.
     drives: Option<Active>,
     last_t_s: Option<f64>,
     ticks: u64,
@@ -260,7 +260,12 @@ impl Runtime {
             };
         }
         self.force(Forced::Observation);
+        let drove = self.drives;
         self.stand(Sensed::default());
+        if drove.is_none() {
+            // Nothing was measured yet: the stand begins anew with the first joints that are.
+            self.drives = None;
+        }
         self.decision.timings = None;
         self.record(Choice::Stop);
         Tick { decision: &self.decision, joints: &self.joints }

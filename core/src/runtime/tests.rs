@@ -195,6 +195,29 @@ fn a_measurement_that_is_no_number_stands_at_once_and_names_the_joint() {
 }
 
 #[test]
+fn a_stand_after_a_faulty_first_line_begins_where_the_joints_are_measured() {
+    // It began at the faulty line, in the stand pose, and pulled a crouching robot up to it at once.
+    let crouch = |it: &mut Loop| {
+        for (index, position) in it.observation.joint_position_rad.iter_mut().enumerate() {
+            *position *= if index % 3 == 0 { 1.0 } else { 1.4 };
+        }
+    };
+    let mut measured_first = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+    crouch(&mut measured_first);
+    measured_first.tick();
+
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+    let fault = ObservationFault::new("line", "nonsense", "a JSON object");
+    it.runtime.fault_tick(&fault);
+    it.runtime.fault_tick(&fault);
+    let blind = it.runtime.joints.clone();
+    crouch(&mut it);
+    it.tick();
+    assert_eq!(it.runtime.joints, measured_first.runtime.joints);
+    assert_ne!(it.runtime.joints, blind);
+}
+
+#[test]
 fn what_a_plugin_needs_and_the_source_leaves_out_is_the_sources_fault() {
     let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
     it.until("walk");
