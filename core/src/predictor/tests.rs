@@ -188,6 +188,13 @@ fn layers_that_do_not_fit_each_other_are_refused() {
 }
 
 #[test]
+fn an_attribute_given_twice_is_refused() {
+    // The guard reads the first one, a model runtime perhaps the last.
+    let fault = fault(|model| node(model, "MaxPool").attribute.push(ints("strides", &[1, 1])));
+    assert_eq!((fault.field.as_str(), fault.wanted.as_str()), ("MaxPool.strides", "one"));
+}
+
+#[test]
 fn a_scalar_in_any_place_is_refused_without_a_panic() {
     // A scalar is a sound bias of the fully connected layers.
     for index in [0, 1, 2, 3, 4, 5, 6, 8, 10] {

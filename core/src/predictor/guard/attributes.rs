@@ -73,11 +73,16 @@ impl<'a> Attributes<'a> {
         Err(self.fault("auto_pad", String::from_utf8_lossy(found), "NOTSET, with pads"))
     }
 
-    /// Refuses what nobody asked for.
+    /// Refuses what nobody asked for, and what is there twice: only the first was looked at, and a
+    /// model runtime may take the last.
     pub(super) fn finish(self) -> Result<(), Fault> {
-        for attribute in &self.node.attribute {
+        for (index, attribute) in self.node.attribute.iter().enumerate() {
             if !self.known.contains(&attribute.name.as_str()) || !attribute.ref_attr_name.is_empty() {
                 return Err(self.fault(&attribute.name, "an attribute", "none of that name"));
+            }
+            // Known and distinct so far, so this looks at no more than the few known names.
+            if self.node.attribute[..index].iter().any(|earlier| earlier.name == attribute.name) {
+                return Err(self.fault(&attribute.name, "two of that name", "one"));
             }
         }
         Ok(())
