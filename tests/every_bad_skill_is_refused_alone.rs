@@ -200,6 +200,22 @@ fn a_policy_that_no_plugin_would_be_handed() {
 }
 
 #[test]
+fn a_position_target_that_no_loop_would_set() {
+    refused(
+        |fixture| fixture.alter(MANIFEST, "\"velocity\"", "\"position_target\"\ntarget_distance_m = 1.0"),
+        &[MANIFEST, "command.kind", "position_target", "velocity: this version"],
+    );
+}
+
+#[test]
+fn a_commitment_that_the_selector_would_not_keep() {
+    refused(
+        |fixture| fixture.alter(MANIFEST, "[selection]", "[selection]\ncommitted = true"),
+        &[MANIFEST, "selection.committed", "true", "false: this version"],
+    );
+}
+
+#[test]
 fn no_skill_left_is_an_error_that_names_them_all() {
     let fixture = Fixture::new();
     fixture.add_skill("bad", "none", 0.97, 0.3);

@@ -193,10 +193,7 @@ fn examine(
     let folder = installation.skill_folder(name);
     let mut findings = manifest.contract.misfits(&file, robot);
 
-    if let Some(model) = &manifest.models.policy {
-        let wanted = "parameters: this version hands no policy network to plugins";
-        findings.push(Finding::new(&file, "models.policy", model.display(), wanted));
-    }
+    findings.extend(unsupported(&manifest));
     let parameters = match &manifest.models.parameters {
         None => Ok(String::new()),
         Some(path) => read_bounded(&folder.join(path), MAX_PARAMETER_BYTES, &file, "models.parameters"),
@@ -248,6 +245,24 @@ fn examine(
             Err(findings)
         }
     }
+}
+
+/// What the schema knows and this version does not do.
+fn unsupported(manifest: &SkillManifest) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    if let Some(model) = &manifest.models.policy {
+        let wanted = "parameters: this version hands no policy network to plugins";
+        findings.push(Finding::new(&manifest.file, "models.policy", model.display(), wanted));
+    }
+    if manifest.command.kind == CommandKind::PositionTarget {
+        let wanted = "velocity: this version sets no position targets";
+        findings.push(Finding::new(&manifest.file, "command.kind", kind(manifest.command.kind), wanted));
+    }
+    if manifest.selection.committed {
+        let wanted = "false: this version stops and switches a skill at any time";
+        findings.push(Finding::new(&manifest.file, "selection.committed", true, wanted));
+    }
+    findings
 }
 
 /// Where a manifest asks more of a plugin than it declares.
