@@ -1,6 +1,6 @@
 //! A course in words: what happened, what was expected, what the numbers say where they differ.
 
-use vocaloco_core::robot::RobotModel;
+use vocaloco_core::{decision::Forced, robot::RobotModel};
 use vocaloco_sim::{
     course::{CourseRun, Outcome},
     kinematics::{forward_kinematics, legs},
@@ -17,6 +17,10 @@ pub(super) fn made_for(kind: CourseKind) -> &'static str {
     }
 }
 
+/// A robot that came less far than this has not walked up to anything, m. A step that it shuns is in
+/// view within the first 0.2 m, and stopping at first sight of it is right.
+const CAME_AT_LEAST_M: f64 = 0.3;
+
 /// Names a course in files and links: `stairs_up-0.12`.
 pub(super) fn id(run: &CourseRun) -> String {
     format!("{}-{:.2}", run.kind.id(), run.size_m)
@@ -29,9 +33,8 @@ pub(super) fn tell(
     thresholds: &[(String, f32)],
     expected: Outcome,
 ) -> (Story, String) {
-    let touched = run.nonfoot_contact || furthest_foot_m(run, robot) >= FLAT_M;
-    let stopped_short = run.outcome == Outcome::Stopped && !touched;
-    let as_expected = run.outcome == expected && (expected != Outcome::Stopped || stopped_short);
+    let as_expected =
+        run.outcome == expected && (expected != Outcome::Stopped || walked_up_and_stopped_short(run, robot));
     let direction = if run.kind == CourseKind::StairsUp { "up" } else { "down" };
     let mut summary = match run.outcome {
         Outcome::Reached => format!("Reached the far flat in {:.1} s", run.duration_s),
@@ -67,6 +70,15 @@ pub(super) fn tell(
         as_expected,
     };
     (story, note)
+}
+
+/// A skill brought it there, none failed, and nothing had touched the first step.
+fn walked_up_and_stopped_short(run: &CourseRun, robot: &RobotModel) -> bool {
+    let walked_up = !run.skills().is_empty() && run.distance_m >= CAME_AT_LEAST_M;
+    let decisions = || run.ticks.iter().filter_map(|tick| tick.decision.as_ref());
+    let failed = decisions().any(|decision| decision.forced == Some(Forced::Fault));
+    let touched = run.nonfoot_contact || furthest_foot_m(run, robot) >= FLAT_M;
+    walked_up && !failed && !touched
 }
 
 /// What there is to say when a reached course did not go walk → made for it → walk.
@@ -128,4 +140,54 @@ fn foremost_foot_m(run: &CourseRun, robot: &RobotModel, tick: usize) -> f32 {
 fn capitalised(text: &str) -> String {
     let mut letters = text.chars();
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use vocaloco_core::decision::Decision;
+    use vocaloco_sim::course::{CourseTick, Switch};
+    use vocaloco_sim::plant::BasePose;
+
+    /// A stop before 40 cm, 0.9 m from where it began, under walk.
+    fn stopped() -> CourseRun {
+        let tick = CourseTick {
+            decision: Some(Decision::default()),
+            base: BasePose::from_yaw([1.9, 0.1, 0.55], 0.0),
+            joint_position_rad: vec![0.0; 12],
+            foot_contact: vec![true; 4],
+        };
+        CourseRun {
+            kind: CourseKind::StairsUp,
+            size_m: 0.4,
+            steps: 3,
+            outcome: Outcome::Stopped,
+            duration_s: 4.0,
+            distance_m: 0.9,
+            cot: None,
+            cot_signed: None,
+            switches: vec![Switch { t_s: 0.2, from: "stand".into(), to: "walk".into() }],
+            nonfoot_contact: false,
+            ticks: vec![tick],
+        }
+    }
+
+    fn is_as_expected(run: &CourseRun) -> bool {
+        let robots = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../manifests/robots");
+        let robot = RobotModel::load(&robots, "anymal_d").expect("the robot");
+        tell(run, &robot, &[], Outcome::Stopped).0.as_expected
+    }
+
+    #[test]
+    fn only_a_robot_that_walked_up_to_the_step_has_stopped_before_it() {
+        assert!(is_as_expected(&stopped()));
+        assert!(!is_as_expected(&CourseRun { distance_m: 0.1, ..stopped() }), "it never moved");
+        assert!(!is_as_expected(&CourseRun { switches: Vec::new(), ..stopped() }), "no skill drove it");
+        let mut failed = stopped();
+        failed.ticks[0].decision = Some(Decision { forced: Some(Forced::Fault), ..Decision::default() });
+        assert!(!is_as_expected(&failed), "a skill failed");
+        let mut touching = stopped();
+        touching.ticks[0].base = BasePose::from_yaw([2.9, 0.1, 0.55], 0.0);
+        assert!(!is_as_expected(&touching), "a foot was past the edge");
+    }
 }
