@@ -58,6 +58,19 @@ fn a_plugin_that_fails_has_failed_the_rollout_and_nothing_else() {
 }
 
 #[test]
+fn a_row_counts_every_rollout_that_is_not_viable_as_a_collision_a_time_out_or_a_fault() {
+    let query = query(TerrainKind::Flat, 0.0, 2);
+    let (skill, standing) = (skill("faulty", "error 10"), skill("faulty", "none 0"));
+    let mut samples = samples(&skill, &query, 1);
+    assert_eq!(outcomes(&samples), [Outcome::Fault; 2]);
+    samples.push(self::samples(&standing, &query, 1).remove(0));
+    let row = summarise(&skill, &query, &samples);
+    assert!((row.fault - 2.0 / 3.0).abs() < 1e-9, "{row:?}");
+    let all = row.viable + row.base_collision + row.timeout + row.fault;
+    assert!((all - 1.0).abs() < 1e-9, "{row:?}");
+}
+
+#[test]
 fn standing_still_is_a_time_out_without_a_cost() {
     let query = query(TerrainKind::Flat, 0.0, 2);
     let skill = skill("faulty", "none 0");

@@ -123,6 +123,8 @@ pub struct ViabilityRow {
     pub base_collision: f64,
     /// Share that ran out of time, off the path or not.
     pub timeout: f64,
+    /// Share that the plugin ended by an error or by targets that are not numbers.
+    pub fault: f64,
     /// Mean cost of transport of those that reached the horizon, positive work.
     pub cot_mean: Option<f64>,
     /// Its standard deviation.
@@ -180,6 +182,7 @@ pub fn summarise(skill: &RolledSkill, query: &Query, samples: &[Sample]) -> Viab
         viable_high,
         base_collision: share(&[Outcome::BaseCollision]),
         timeout: share(&[Outcome::Timeout, Outcome::OffPath]),
+        fault: share(&[Outcome::Fault]),
         cot_mean: mean(&costs),
         cot_std: standard_deviation(&costs),
         horizon_m: query.rules.horizon_m,

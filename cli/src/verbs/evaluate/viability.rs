@@ -130,11 +130,11 @@ fn report(args: &Args, rules: &RolloutRules, rows: &[ViabilityRow]) -> anyhow::R
         let seed = args.shared.seed;
         return Ok(output::json(&Report { command, seed, version: env!("CARGO_PKG_VERSION"), rows })?);
     }
-    output::line("size      n  viable  95 % interval    collision  timeout    CoT   speed m/s")?;
+    output::line("size      n  viable  95 % interval    collision  timeout  fault    CoT   speed m/s")?;
     for row in rows {
         let cot = row.cot_mean.map_or_else(|| "-".to_owned(), |cot| format!("{cot:.3}"));
         output::line(&format!(
-            "{:<5.3} {:>5}  {:>6.3}  {:.3} to {:.3}  {:>9.3}  {:>7.3}  {cot:>5}  {:>10.2}",
+            "{:<5.3} {:>5}  {:>6.3}  {:.3} to {:.3}  {:>9.3}  {:>7.3}  {:>5.3}  {cot:>5}  {:>10.2}",
             row.size_m,
             row.n,
             row.viable,
@@ -142,6 +142,7 @@ fn report(args: &Args, rules: &RolloutRules, rows: &[ViabilityRow]) -> anyhow::R
             row.viable_high,
             row.base_collision,
             row.timeout,
+            row.fault,
             row.mean_speed_m_per_s
         ))?;
     }
