@@ -10,6 +10,7 @@ mod output;
 mod tests;
 
 use std::io::{self, BufRead, Write};
+use std::ops::ControlFlow;
 
 pub use input::parse;
 pub use output::{Greeting, TickLine};
@@ -29,20 +30,23 @@ pub struct Served {
     pub lines: u64,
     /// Those of them that could not be used.
     pub errors: u64,
+    /// Whether `seen` gave up before the end.
+    pub unseen: bool,
 }
 
 /// Answers every line of `reader` until it ends: the greeting first, then one line out per line in.
 ///
-/// `seen` gets every decision, error lines' included.
+/// `seen` gets every decision, error lines' included, once it is answered. When it breaks off it is
+/// not called again, and the loop goes on: a full disk must not leave a robot without targets.
 ///
 /// # Errors
-/// When a stream or `seen` fails; a malformed line is no such error.
+/// When a stream fails; a malformed line is no such error.
 pub fn serve(
     runtime: &mut Runtime,
     greeting: &Greeting,
     mut reader: impl BufRead,
     mut writer: impl Write,
-    mut seen: impl FnMut(&Decision) -> io::Result<()>,
+    mut seen: impl FnMut(&Decision) -> ControlFlow<()>,
 ) -> io::Result<Served> {
     let robot = std::sync::Arc::clone(runtime.robot());
     send(&mut writer, greeting)?;
@@ -58,13 +62,13 @@ pub fn serve(
             }
             Err(fault) => (runtime.fault_tick(&fault), Some(fault)),
         };
-        seen(tick.decision)?;
         if let Some(fault) = fault {
             served.errors += 1;
             send(&mut writer, &ErrorLine::of(&robot.description, &fault, tick.joints))?;
         } else {
             send(&mut writer, &TickLine::of(&robot.description, &tick))?;
         }
+        served.unseen = served.unseen || seen(tick.decision).is_break();
     }
     Ok(served)
 }

@@ -34,7 +34,8 @@ fn answers(lines: &[String]) -> (Vec<Value>, Served) {
     let greeting = Greeting::of(&runtime, "test", vec![]);
     let mut out = Vec::new();
     let text = lines.join("\n");
-    let served = serve(&mut runtime, &greeting, text.as_bytes(), &mut out, |_| Ok(())).unwrap();
+    let served =
+        serve(&mut runtime, &greeting, text.as_bytes(), &mut out, |_| ControlFlow::Continue(())).unwrap();
     let mut values: Vec<Value> =
         String::from_utf8(out).unwrap().lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let greeting = values.remove(0);
@@ -55,7 +56,7 @@ fn error(spoil: impl FnOnce(&mut Value)) -> (String, String, String) {
 
 fn raw_error(spoiled: String) -> (String, String, String) {
     let (values, served) = answers(&[line(0.02).to_string(), spoiled, line(0.06).to_string()]);
-    assert_eq!(served, Served { lines: 3, errors: 1 });
+    assert_eq!(served, Served { lines: 3, errors: 1, unseen: false });
     assert!(values[0].get("error").is_none() && values[2].get("error").is_none(), "{values:?}");
     let error = &values[1]["error"];
     let stiffness = values[1]["joints"]["RH_KFE"]["stiffness_nm_per_rad"].as_f64().unwrap();
@@ -68,7 +69,7 @@ fn raw_error(spoiled: String) -> (String, String, String) {
 fn a_line_in_gives_a_line_out_with_the_decision_and_every_joint() {
     let lines: Vec<_> = (1..=12).map(|tick| line(0.02 * f64::from(tick)).to_string()).collect();
     let (values, served) = answers(&lines);
-    assert_eq!((values.len(), served), (12, Served { lines: 12, errors: 0 }));
+    assert_eq!((values.len(), served), (12, Served { lines: 12, errors: 0, unseen: false }));
     assert_eq!((&values[8]["active"], &values[9]["active"]), (&json!("stand"), &json!("walk")));
     let last = &values[11];
     assert_eq!(last["t_s"], 0.24);
@@ -182,6 +183,21 @@ fn null_heights_are_unknown() {
     }
     let (values, _) = answers(&[spoiled.to_string()]);
     assert_eq!(values[0]["events"][0], "heightfield: 341 of 341 cells unknown, at most 136 wanted");
+}
+
+#[test]
+fn every_line_is_answered_though_the_log_fails_at_the_second() {
+    let mut runtime = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]).runtime;
+    let greeting = Greeting::of(&runtime, "test", vec![]);
+    let text: String = (1..=4).map(|tick| line(0.02 * f64::from(tick)).to_string() + "\n").collect();
+    let (mut out, mut seen) = (Vec::new(), 0);
+    let served = serve(&mut runtime, &greeting, text.as_bytes(), &mut out, |_| {
+        seen += 1;
+        if seen == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    });
+    assert_eq!(served.unwrap(), Served { lines: 4, errors: 0, unseen: true });
+    assert_eq!(String::from_utf8(out).unwrap().lines().count(), 1 + 4);
+    assert_eq!(seen, 2, "not called again");
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! `run --source stdio`.
 
 use std::io;
+use std::ops::ControlFlow;
 
-use vocaloco_core::decision_log::{LogWriter, Setup};
+use vocaloco_core::decision_log::{LogError, LogWriter, Setup};
 use vocaloco_core::runtime::Runtime;
 use vocaloco_core::stdio::{Greeting, serve};
 
@@ -15,12 +16,27 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let greeting = Greeting::of(&runtime, &args.deployment, refused);
     let setup = Setup::of(&runtime, &args.deployment);
     let mut log = args.log.as_deref().map(|file| LogWriter::create(file, &setup)).transpose()?;
-    let served = serve(&mut runtime, &greeting, io::stdin().lock(), io::stdout().lock(), |decision| {
-        log.as_mut().map_or(Ok(()), |log| log.write(decision)).map_err(io::Error::other)
-    })?;
-    if let Some(log) = log {
-        log.finish()?;
+    let served =
+        serve(&mut runtime, &greeting, io::stdin().lock(), io::stdout().lock(), |decision| {
+            match log.as_mut().map(|log| log.write(decision)) {
+                Some(Err(error)) => {
+                    report(&error);
+                    log = None;
+                    ControlFlow::Break(())
+                }
+                _ => ControlFlow::Continue(()),
+            }
+        })?;
+    let ended = log.map_or(Ok(()), LogWriter::finish);
+    if let Err(error) = &ended {
+        report(error);
     }
+    let logged = !served.unseen && ended.is_ok();
     eprintln!("{} lines answered, {} of them with an error", served.lines, served.errors);
-    Ok(if served.errors == 0 { Exit::Fine } else { Exit::Finding })
+    Ok(if served.errors == 0 && logged { Exit::Fine } else { Exit::Finding })
+}
+
+/// A log that fails ends alone: whoever waits for joint targets still gets them.
+fn report(error: &LogError) {
+    eprintln!("error: --log: {error}; the log ends here");
 }
