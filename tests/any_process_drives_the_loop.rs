@@ -181,6 +181,23 @@ fn a_log_explains_and_replays_itself() {
 }
 
 #[test]
+fn a_replay_writes_no_log_and_says_so_with_exit_code_2() {
+    let fixture = fixture();
+    let [log, other] = ["decisions.mcap", "other.mcap"].map(|name| fixture.root().join(name));
+    let (file, again) = (log.to_str().expect("UTF-8"), other.to_str().expect("UTF-8"));
+    let mut arguments = RUN.to_vec();
+    arguments.extend(["--log", file]);
+    assert_eq!(vocaloco(fixture.root(), &arguments, &session(0..3)).status.code(), Some(0));
+    let source = format!("replay:{file}");
+    let arguments = ["run", "--deployment", "stairs", "--source", &source, "--log", again];
+    let output = vocaloco(fixture.root(), &arguments, "");
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{error}");
+    assert!(error.contains("--log: found ") && error.contains("wanted nothing with"), "{error}");
+    assert!(!other.exists());
+}
+
+#[test]
 fn a_tick_or_a_file_that_is_not_there_is_exit_code_2() {
     let root = shipped().root;
     let output = vocaloco(&root, &["explain", "no/such.mcap"], "");

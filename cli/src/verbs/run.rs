@@ -31,7 +31,7 @@ pub(crate) struct Args {
     /// sim, stdio or replay:FILE
     #[arg(long, value_name = "SOURCE")]
     source: Source,
-    /// Write every decision to this MCAP file
+    /// Write every decision to this MCAP file; not with replay:FILE
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     #[cfg(feature = "sim")]

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 use vocaloco_core::decision::Decision;
-use vocaloco_core::decision_log::{DecisionLog, LogWriter};
+use vocaloco_core::decision_log::DecisionLog;
 use vocaloco_core::predictor::{Predictor, backend};
 use vocaloco_core::registry::LoadedDeployment;
 use vocaloco_core::replay::replay;
@@ -45,6 +45,14 @@ struct Difference {
 }
 
 pub(super) fn run(args: &Args, file: &Path) -> anyhow::Result<Exit> {
+    if let Some(log) = &args.log {
+        // A replay decides choice and driver only: with the recorded reasons and predictions beside
+        // them, such a log would contradict itself.
+        anyhow::bail!(
+            "--log: found {}, wanted nothing with --source replay: (its report says what differs)",
+            log.display()
+        );
+    }
     let recorded = DecisionLog::read(file)?;
     let (loaded, _) = load(args)?;
     let mut fresh = Fresh::of(loaded);
@@ -64,14 +72,6 @@ pub(super) fn run(args: &Args, file: &Path) -> anyhow::Result<Exit> {
     );
     let replayed =
         replay(&rules, windows, &recorded.decisions, |decision, skill| fresh.predict(decision, skill));
-    if let Some(path) = &args.log {
-        let mut log = LogWriter::create(path, &recorded.setup)?;
-        for (decision, again) in recorded.decisions.iter().zip(&replayed) {
-            let again = again.clone();
-            log.write(&Decision { choice: again.choice, active: again.active, ..decision.clone() })?;
-        }
-        log.finish()?;
-    }
     let differences = || {
         let pairs = replayed.iter().zip(&recorded.decisions);
         pairs.filter(|(again, decision)| !again.agrees_with(decision)).map(|(again, decision)| Difference {
