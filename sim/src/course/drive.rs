@@ -148,6 +148,7 @@ fn is_faulted(decision: &Decision) -> bool {
 }
 
 /// Where a course ends.
+#[expect(clippy::struct_field_names, reason = "all of them are metres, and names end in their unit")]
 struct Bounds {
     length_m: f32,
     target_x_m: f32,

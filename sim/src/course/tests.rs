@@ -142,24 +142,20 @@ fn decided(forced: Option<Forced>, reason: Reason) -> Decision {
 
 #[test]
 fn standing_because_of_a_fault_is_stuck_until_a_skill_drives_again() {
-    let stands = Carrier {
-        active: |tick| if tick < 60 { "walk" } else { "stand" },
-        decision: |tick| Some(decided((tick == 60).then_some(Forced::Fault), Reason::CommandKind)),
-        ..carrier(&config(), 0.0)
+    let faulted: fn(usize) -> _ =
+        |tick| Some(decided((tick == 60).then_some(Forced::Fault), Reason::CommandKind));
+    let ends = |active: fn(usize) -> &'static str, decision: fn(usize) -> Option<Decision>| {
+        drive(&config(), &mut Carrier { active, decision, ..carrier(&config(), 0.0) }).unwrap()
     };
-    let [mut faulted, mut resumed, mut none_left] =
-        [stands, carrier(&config(), 0.0), carrier(&config(), 0.0)];
-    let run = drive(&config(), &mut faulted).unwrap();
+    let run = ends(|tick| if tick < 60 { "walk" } else { "stand" }, faulted);
     assert_eq!(run.outcome, Outcome::Stuck);
     assert!((run.duration_s - (60.0 * 0.02 + 2.0)).abs() < 1e-9, "{} s", run.duration_s);
 
-    (resumed.decision, resumed.active) =
-        (faulted.decision, |tick| if tick < 60 || tick == 80 { "walk" } else { "stand" });
-    assert_eq!(drive(&config(), &mut resumed).unwrap().outcome, Outcome::Stopped);
+    let run = ends(|tick| if tick < 60 || tick == 80 { "walk" } else { "stand" }, faulted);
+    assert_eq!(run.outcome, Outcome::Stopped);
 
-    (none_left.decision, none_left.active) =
-        (|_| Some(decided(None, Reason::PredictionsFailed)), |_| "stand");
-    assert_eq!(drive(&config(), &mut none_left).unwrap().outcome, Outcome::Stuck);
+    let run = ends(|_| "stand", |_| Some(decided(None, Reason::PredictionsFailed)));
+    assert_eq!(run.outcome, Outcome::Stuck, "none is left in service");
 }
 
 #[test]
