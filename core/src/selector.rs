@@ -43,6 +43,8 @@ pub struct Rule {
     pub name: String,
     /// Least predicted viability at which it may be chosen.
     pub viability_threshold: f32,
+    /// Share by which another viable skill must be cheaper once this one has won.
+    pub cost_margin: f32,
     /// Commands it takes.
     pub command: CommandRange,
 }
@@ -127,13 +129,14 @@ pub struct Selector {
     rules: Vec<Rule>,
     unusable: Vec<u32>,
     out_of_service: Vec<Option<Reason>>,
+    winner: Option<usize>,
 }
 
 impl Selector {
     /// A selector with every skill in service.
     pub fn new(rules: Vec<Rule>) -> Self {
         let count = rules.len();
-        Self { rules, unusable: vec![0; count], out_of_service: vec![None; count] }
+        Self { rules, unusable: vec![0; count], out_of_service: vec![None; count], winner: None }
     }
 
     /// The rules, in the deployment's order.
@@ -155,14 +158,20 @@ impl Selector {
     pub fn restart(&mut self) {
         self.unusable.fill(0);
         self.out_of_service.fill(None);
+        self.winner = None;
     }
 
     /// Judges every skill and chooses: of the viable ones the lowest cost of transport, of equal
     /// ones the first. `reasons` gets one entry a skill.
     ///
+    /// The winner of the tick before stays while it is viable and no other is cheaper by more than
+    /// its [`Rule::cost_margin`]: with fresh noise on every field, two skills of nearly one cost would
+    /// otherwise win by turns, no window would ever agree, and the robot would stop before stairs
+    /// that both can climb.
+    ///
     /// # Source
-    /// Wu et al. (2025), selection steps 3 and 4; commands, unusable predictions and costs that are
-    /// not positive are our own.
+    /// Wu et al. (2025), selection steps 3 and 4; commands, unusable predictions, costs that are not
+    /// positive and the margin are our own; a margin of 0 is the paper's rule.
     pub fn choose(
         &mut self,
         predictions: &[Prediction],
@@ -179,7 +188,13 @@ impl Selector {
                 cheapest = Some((skill, prediction.cot));
             }
         }
-        cheapest.map_or(Choice::Stop, |(skill, _)| Choice::Skill(skill))
+        let kept = self.winner.filter(|&winner| {
+            let margin = self.rules[winner].cost_margin;
+            matches!(reasons.get(winner), Some(Reason::Viable { .. }))
+                && cheapest.is_some_and(|(_, cot)| cot >= predictions[winner].cot * (1.0 - margin))
+        });
+        self.winner = kept.or(cheapest.map(|(skill, _)| skill));
+        self.winner.map_or(Choice::Stop, Choice::Skill)
     }
 
     fn judge(&mut self, skill: usize, prediction: Prediction, command: &Command) -> Reason {
@@ -243,7 +258,7 @@ mod tests {
             forward_m_per_s: [0.4, 0.7],
             target_distance_m: None,
         };
-        Rule { name: name.into(), viability_threshold, command }
+        Rule { name: name.into(), viability_threshold, cost_margin: 0.0, command }
     }
 
     fn selector() -> Selector {
@@ -259,6 +274,34 @@ mod tests {
         let mut reasons = Vec::new();
         let choice = selector.choose(&predictions, command, &mut reasons);
         (choice, reasons)
+    }
+
+    #[test]
+    fn two_skills_of_nearly_one_cost_do_not_win_by_turns_within_the_margin() {
+        let walks = Command::velocity(0.6, 0.0, 0.0);
+        let turns = |margin: f32| {
+            let rules = [rule("walk", 0.95), rule("ascend", 0.925), rule("descend", 0.925)];
+            let mut selector = Selector::new(rules.map(|rule| Rule { cost_margin: margin, ..rule }).into());
+            let costs = [(0.52, 0.53), (0.54, 0.51), (0.51, 0.53), (0.55, 0.52)];
+            costs.map(|(ascend, descend)| {
+                choose(&mut selector, [(0.5, 0.3), (0.99, ascend), (0.98, descend)], &walks).0
+            })
+        };
+        let [ascend, descend] = [Choice::Skill(1), Choice::Skill(2)];
+        assert_eq!(turns(0.0), [ascend, descend, ascend, descend], "the paper's rule");
+        assert_eq!(turns(0.1), [ascend; 4]);
+    }
+
+    #[test]
+    fn a_margin_keeps_no_winner_that_is_unviable_or_clearly_dearer() {
+        let walks = Command::velocity(0.6, 0.0, 0.0);
+        let rules = [rule("walk", 0.95), rule("ascend", 0.925), rule("descend", 0.925)];
+        let mut selector = Selector::new(rules.map(|rule| Rule { cost_margin: 0.1, ..rule }).into());
+        let mut winner = |predictions| choose(&mut selector, predictions, &walks).0;
+        assert_eq!(winner([(0.5, 0.3), (0.99, 0.50), (0.98, 0.53)]), Choice::Skill(1));
+        assert_eq!(winner([(0.97, 0.44), (0.99, 0.50), (0.98, 0.53)]), Choice::Skill(0), "12 % cheaper");
+        assert_eq!(winner([(0.5, 0.44), (0.9, 0.45), (0.98, 0.53)]), Choice::Skill(2), "unviable");
+        assert_eq!(winner([(0.5, 0.44), (0.9, 0.45), (0.9, 0.53)]), Choice::Stop);
     }
 
     #[test]

@@ -199,7 +199,8 @@ const SETUP_SCHEMA: &str = r#"{"title":"vocaloco.Setup","type":"object","propert
 "schema":{"type":"integer"},"version":{"type":"string"},"deployment":{"type":"string"},"robot":{"type":"string"},
 "backend":{"type":"string"},"rate_hz":{"type":"number"},"switch_window":{"type":"integer"},
 "stop_window":{"type":"integer"},"resume_window":{"type":"integer"},"skills":{"type":"array","items":{"type":"object",
-"properties":{"name":{"type":"string"},"viability_threshold":{"type":"number"},"position_target":{"type":"boolean"},
+"properties":{"name":{"type":"string"},"viability_threshold":{"type":"number"},
+"cost_margin":{"type":"number"},"position_target":{"type":"boolean"},
 "forward_m_per_s":{"type":"array","items":{"type":"number"}}}}}}}"#;
 
 const DECISION_SCHEMA: &str = r#"{"title":"vocaloco.Decision","type":"object","properties":{

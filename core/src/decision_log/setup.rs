@@ -41,6 +41,9 @@ pub struct SetupSkill {
     pub name: String,
     /// Least predicted viability at which it may be chosen.
     pub viability_threshold: f32,
+    /// Share by which another had to be cheaper once it had won.
+    #[serde(default)]
+    pub cost_margin: f32,
     /// Whether it goes to position targets rather than following a velocity.
     pub position_target: bool,
     /// Forward velocity that it takes, m/s.
@@ -55,6 +58,7 @@ impl Setup {
         let skill = |rule: &Rule| SetupSkill {
             name: rule.name.clone(),
             viability_threshold: rule.viability_threshold,
+            cost_margin: rule.cost_margin,
             position_target: rule.command.kind == CommandKind::PositionTarget,
             forward_m_per_s: rule.command.forward_m_per_s,
         };
@@ -82,6 +86,7 @@ impl Setup {
         let rule = |skill: &SetupSkill| Rule {
             name: skill.name.clone(),
             viability_threshold: skill.viability_threshold,
+            cost_margin: skill.cost_margin,
             command: CommandRange {
                 kind: if skill.position_target { CommandKind::PositionTarget } else { CommandKind::Velocity },
                 forward_m_per_s: skill.forward_m_per_s,

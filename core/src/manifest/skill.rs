@@ -50,6 +50,8 @@ pub struct Models {
 pub struct Selection {
     /// The least predicted viability at which the skill may be chosen, 0 to 1.
     pub viability_threshold: f32,
+    /// Once it wins, another viable skill must be cheaper by more than this share to win instead.
+    pub cost_margin: f32,
     /// Once active, it stays until its target, its time limit or a fault.
     pub committed: bool,
 }
@@ -111,6 +113,8 @@ struct RawModels {
 struct RawSelection {
     viability_threshold: f64,
     #[serde(default)]
+    cost_margin: f64,
+    #[serde(default)]
     committed: bool,
 }
 
@@ -162,6 +166,8 @@ impl SkillManifest {
                     raw.selection.viability_threshold,
                     0.0..=1.0,
                 )? as f32,
+                cost_margin: source.inside("selection.cost_margin", raw.selection.cost_margin, 0.0..=0.5)?
+                    as f32,
                 committed: raw.selection.committed,
             },
             command: command(&source, &raw.command)?,

@@ -95,6 +95,7 @@ pub(crate) fn skill(name: &str, fake: &Fake) -> Skill {
         rule: Rule {
             name: name.into(),
             viability_threshold: 0.95,
+            cost_margin: 0.0,
             command: CommandRange {
                 kind: CommandKind::Velocity,
                 forward_m_per_s: [0.4, 0.7],

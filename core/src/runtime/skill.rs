@@ -91,6 +91,7 @@ impl Skill {
         Rule {
             name: manifest.name.clone(),
             viability_threshold: manifest.selection.viability_threshold,
+            cost_margin: manifest.selection.cost_margin,
             command: manifest.command,
         }
     }
