@@ -44,6 +44,11 @@ impl Estimate {
         Self { roll, pitch, velocity_in_base: state.base_linear_velocity_m_per_s.map(f64::from).into() }
     }
 
+    /// Yaw-aligned frame from base frame.
+    pub(crate) fn rotation(&self) -> Rotation3<f64> {
+        attitude(self.roll, self.pitch)
+    }
+
     /// One tick on: attitude by integrating the rates and leaning towards gravity, velocity by an
     /// exponential average.
     pub(crate) fn update(

@@ -29,6 +29,8 @@ const LOAD_RAMP: f64 = 0.15;
 const LOAD_START: f64 = 0.3;
 /// Share of the swing before which a contact is a stumble, not a landing.
 const LANDING_SHARE: f64 = 0.5;
+/// Ticks without contact after which a standing foot has lost the ground.
+const LOST_TICKS: u32 = 2;
 /// How far below its foothold a foot looks for the ground, m.
 const SEARCH_DEPTH_M: f64 = 0.12;
 
@@ -44,6 +46,8 @@ struct LegState {
     lifted_at: Vector3<f64>,
     foothold: Option<Vector2<f64>>,
     searched_m: f64,
+    /// Ticks without contact in this stance.
+    airborne: u32,
     joints: Vector3<f64>,
 }
 
@@ -100,11 +104,15 @@ impl Skill for Gait {
         self.aimed = Vector3::new(f64::from(velocity[0]).max(0.0), 0.0, 0.0);
         self.phase = self.phase_of(state);
         self.estimate = Estimate::of(state);
+        let rotation = self.estimate.rotation();
         for index in 0..4 {
             let leg = &self.legs[index];
+            let joints = leg.joints.map(|joint| f64::from(state.joint_position_rad[joint])).into();
+            // A foot in the air has yet to find the ground, from where it is.
             self.states[index] = LegState {
-                landed: true,
-                joints: leg.joints.map(|joint| f64::from(state.joint_position_rad[joint])).into(),
+                landed: state.foot_contact[index] != 0,
+                lifted_at: rotation * leg.pose(&joints).position,
+                joints,
                 ..LegState::default()
             };
         }
@@ -203,10 +211,10 @@ impl Gait {
         fraction(self.phase + if self.in_first_pair(leg) { 0.0 } else { 0.5 })
     }
 
-    /// The phase that fits the feet as they are: a pair in the air goes on swinging.
+    /// The phase that fits the feet as they are: a pair with a foot in the air goes on swinging.
     fn phase_of(&self, state: &RobotState<'_>) -> f64 {
         let airborne = |first: bool| {
-            (0..4).filter(|&leg| self.in_first_pair(leg) == first).all(|leg| state.foot_contact[leg] == 0)
+            (0..4).filter(|&leg| self.in_first_pair(leg) == first).any(|leg| state.foot_contact[leg] == 0)
         };
         let mid_swing = 0.5 * (1.0 + self.parameters.duty);
         match (airborne(true), airborne(false)) {
@@ -247,7 +255,17 @@ impl Gait {
                 return if leg.landed { LOAD_START } else { 0.0 };
             }
             leg.swinging = false;
-            leg.landed |= contact;
+            leg.airborne = if contact { 0 } else { leg.airborne + 1 };
+            if contact {
+                leg.landed = true;
+            } else if leg.landed && leg.airborne >= LOST_TICKS {
+                // It slipped off an edge: down from where it is, to the ground below.
+                let place = body.rotation * feet[index].position;
+                leg.landed = false;
+                leg.searched_m = 0.0;
+                leg.lifted_at = place;
+                leg.foothold = Some(place.xy());
+            }
             if !leg.landed {
                 leg.searched_m =
                     (leg.searched_m + self.parameters.search_speed_m_per_s * TICK_S).min(SEARCH_DEPTH_M);
@@ -404,4 +422,51 @@ impl Gait {
 
 fn fraction(value: f64) -> f64 {
     value - value.floor()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_robot::quadruped;
+
+    /// Height of a foot's target below where the foot is measured, after some ticks in the stand on
+    /// ground 5 cm below it, with contact on every foot but, from the third tick on, the first.
+    fn lowered_m(contact_is_lost: bool) -> f64 {
+        let robot = quadruped();
+        let mut gait = Gait::create("", &robot).unwrap();
+        let stand: Vec<f32> = robot.joints.iter().map(|joint| joint.stand_rad as f32).collect();
+        let still = vec![0.0; stand.len()];
+        let q = |leg: &Leg| leg.joints.map(|joint| f64::from(stand[joint])).into();
+        let foot_m = gait.legs[0].pose(&q(&gait.legs[0])).position.z;
+        let terrain_m =
+            vec![(foot_m - gait.legs[0].foot_radius_m - 0.05) as f32; PATCH.rows() * PATCH.columns()];
+        let mut joints = vec![JointTarget::default(); stand.len()];
+        for tick in 0..8 {
+            let foot_contact = [u8::from(tick < 3 || !contact_is_lost), 1, 1, 1];
+            let state = RobotState {
+                time_s: f64::from(tick) * TICK_S,
+                joint_position_rad: stand.as_slice().into(),
+                joint_velocity_rad_per_s: still.as_slice().into(),
+                joint_torque_nm: [].as_slice().into(),
+                base_linear_velocity_m_per_s: [0.0; 3],
+                base_angular_velocity_rad_per_s: [0.0; 3],
+                projected_gravity: [0.0, 0.0, -1.0],
+                foot_contact: foot_contact.as_slice().into(),
+                terrain_m: terrain_m.as_slice().into(),
+            };
+            if tick == 0 {
+                gait.reset(&state).unwrap();
+            }
+            gait.act(&state, &Command::velocity(0.0, 0.0, 0.0), &mut joints).unwrap();
+        }
+        let target = gait.legs[0].joints.map(|joint| f64::from(joints[joint].position_rad)).into();
+        foot_m - gait.legs[0].pose(&target).position.z
+    }
+
+    /// A foot that slipped off an edge once stood on in the air, and the robot fell over that leg.
+    #[test]
+    fn a_standing_foot_that_loses_the_ground_looks_for_it_again() {
+        let (kept, lost) = (lowered_m(false), lowered_m(true));
+        assert!(lost > kept + 0.02, "lowered by {lost} m without contact, {kept} m with it");
+    }
 }
