@@ -97,11 +97,16 @@ impl Decision {
         self.skills.iter().filter(|skill| skill.viable).count()
     }
 
+    /// Whether another viable skill costs less.
+    fn is_undercut(&self, chosen: &SkillVerdict) -> bool {
+        self.skills.iter().any(|other| other.viable && other.cot < chosen.cot)
+    }
+
     /// The choice in words, into `reason`.
     pub(crate) fn explain(&mut self, choice: Choice, active: Active, agreement: (usize, usize)) {
         use std::fmt::Write;
         let viable = self.viable_skills();
-        let words = &mut self.reason;
+        let mut words = std::mem::take(&mut self.reason);
         words.clear();
         if let Some(forced) = self.forced {
             words.push_str(match forced {
@@ -110,12 +115,16 @@ impl Decision {
                 Forced::Observation => "measurement unusable: stop",
                 Forced::Fault => "active skill out of service: stop",
             });
+            self.reason = words;
             return;
         }
         // Writing to a `String` does not fail.
         let _ = match choice {
             Choice::Stop => write!(words, "no skill is viable"),
             Choice::Skill(_) if viable == 1 => write!(words, "the only viable skill"),
+            Choice::Skill(chosen) if self.skills.get(chosen).is_some_and(|one| self.is_undercut(one)) => {
+                write!(words, "won before; none of {viable} viable skills is cheaper by its margin")
+            }
             Choice::Skill(_) => write!(words, "lowest cost of transport of {viable} viable skills"),
         };
         let waits = match (choice, active) {
@@ -127,6 +136,7 @@ impl Decision {
             let (run, wanted) = agreement;
             let _ = write!(words, "; {} of {wanted} ticks in a row, {} goes on", run, self.active);
         }
+        self.reason = words;
     }
 }
 

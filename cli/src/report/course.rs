@@ -223,7 +223,7 @@ impl Series {
             let words = match verdict {
                 None => "not in the record".to_owned(),
                 Some(v) if v.viable && v.name == decision.choice => format!("{}; the cheapest", v.reason),
-                Some(v) if v.viable => format!("{}; {} is cheaper", v.reason, decision.choice),
+                Some(v) if v.viable => format!("{}; {} is chosen", v.reason, decision.choice),
                 Some(v) => v.reason.to_string(),
             };
             self.verdict.push(self.texts.of(&words));

@@ -25,7 +25,7 @@ fn refusal(from: &str, to: &str) -> (Option<usize>, String, String, String) {
 fn the_shipped_manifests_are_read_as_written() {
     let skill = written("ascend.toml", SKILL, SkillManifest::read).expect("sound");
     assert_eq!((skill.name.as_str(), skill.plugin.as_str()), ("ascend", "gait"));
-    assert_eq!(skill.selection, Selection { viability_threshold: 0.925, cost_margin: 0.0, committed: false });
+    assert_eq!(skill.selection, Selection { viability_threshold: 0.925, cost_margin: 0.1, committed: false });
     assert_eq!(skill.rollout, Rollout { horizon_m: 1.5, time_limit_s: 4.0 });
     let deployment = written("anymal_stairs.toml", DEPLOYMENT, Deployment::read).expect("sound");
     assert_eq!(deployment.skills, ["walk", "ascend", "descend"]);
