@@ -1,6 +1,8 @@
 //! A skill's plugin on a plant: what the plugin sees each tick, with sensor noise, and what the
 //! plant does with its targets. Collection, optimisation and evaluation all drive through here.
 
+use std::collections::VecDeque;
+
 use rand_chacha::ChaCha8Rng;
 use vocaloco_core::plugin::PluginInstance;
 use vocaloco_plugin_api::{
@@ -75,6 +77,10 @@ pub struct Driver<'a> {
     time_s: f64,
     seen: Seen,
     targets: Vec<JointTarget>,
+    /// Targets on their way to the drives, the oldest first.
+    late: VecDeque<Vec<JointTarget>>,
+    /// The late targets that the drives follow.
+    applied: Vec<JointTarget>,
 }
 
 /// Buffers of one observation, kept between ticks.
@@ -111,7 +117,25 @@ impl<'a> Driver<'a> {
             time_s: 0.0,
             seen: Seen::default(),
             targets: vec![JointTarget::default(); joints],
+            late: VecDeque::new(),
+            applied: Vec::new(),
         }
+    }
+
+    /// Lets targets reach the drives `ticks` late; until the first do, the stand holds the joints
+    /// where they are.
+    #[must_use]
+    pub fn late_by(mut self, ticks: usize) -> Self {
+        let stand = &self.plant.robot().stand;
+        let held = self.plant.measure().joint_position_rad.iter().map(|position_rad| JointTarget {
+            position_rad: *position_rad,
+            stiffness_nm_per_rad: stand.stiffness_nm_per_rad,
+            damping_nms_per_rad: stand.damping_nms_per_rad,
+            feed_forward_nm: 0.0,
+        });
+        let held: Vec<JointTarget> = held.collect();
+        self.late = vec![held; ticks].into();
+        self
     }
 
     /// Resets the plugin to the plant's present state.
@@ -131,8 +155,18 @@ impl<'a> Driver<'a> {
         self.observe();
         self.instance.act(&self.seen.state(self.time_s), command, &mut self.targets)?;
         check_finite(&self.targets)?;
+        let applied = match self.late.pop_front() {
+            Some(mut due) => {
+                // The buffer that is done with carries the newest targets to the end of the queue.
+                std::mem::swap(&mut due, &mut self.applied);
+                due.clone_from(&self.targets);
+                self.late.push_back(due);
+                &self.applied
+            }
+            None => &self.targets,
+        };
         for _ in 0..DECIMATION {
-            self.plant.step(&self.targets);
+            self.plant.step(applied);
             after_step(self.plant);
         }
         self.time_s += TICK_S;

@@ -54,7 +54,7 @@ impl Query {
             seed,
             rules: RolloutRules::default(),
             spawn: SpawnRules { any_yaw_share: 0.0, ..SpawnRules::default() },
-            perturb: Perturbations::all(),
+            perturb: Perturbations::protocol(),
             patch_noise_m: 0.02,
             field_noise_m: 0.1,
             plant: PlantKind::Reference,

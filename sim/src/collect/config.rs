@@ -45,7 +45,7 @@ impl CollectConfig {
             plant: PlantKind::Reference,
             field_noise_m: 0.1,
             patch_noise_m: 0.02,
-            perturb: Perturbations::all(),
+            perturb: Perturbations::protocol(),
             spawn: SpawnRules::default(),
             rollout: RolloutRules::default(),
             mixture: Mixture::default(),

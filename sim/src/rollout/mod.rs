@@ -5,7 +5,7 @@ mod chance;
 mod motion;
 mod skill;
 
-pub use chance::{Chance, Perturbation, Perturbations};
+pub use chance::{Chance, Perturbation, Perturbations, Push};
 pub use motion::{Histogram, Motion};
 pub use skill::{RolledSkill, SkillRefused};
 
@@ -140,8 +140,9 @@ impl Trial<'_> {
         };
         let description = self.skill.description();
         let mut driver =
-            Driver::new(plant, self.terrain, &mut instance, description, chance.noise, chance.noise_stream());
-        let end = self.drive(&mut driver, &path, &mut motion);
+            Driver::new(plant, self.terrain, &mut instance, description, chance.noise, chance.noise_stream())
+                .late_by(chance.latency_ticks);
+        let end = self.drive(&mut driver, &path, chance.push, &mut motion);
         let [distance_m, _] = path.displacement_m(&plant.measure().base);
         let cot = |work_j: f64| {
             let counted_m = distance_m - end.counted_from_m?;
@@ -159,7 +160,7 @@ impl Trial<'_> {
     }
 
     /// Ticks until the outcome is decided.
-    fn drive(&self, driver: &mut Driver<'_>, path: &Path, motion: &mut Motion) -> End {
+    fn drive(&self, driver: &mut Driver<'_>, path: &Path, push: Option<Push>, motion: &mut Motion) -> End {
         let rules = self.rules;
         let ticks = (rules.time_limit_s / TICK_S).round() as usize;
         let counted_from_tick = (rules.cot_from_s / TICK_S).round() as usize;
@@ -173,6 +174,9 @@ impl Trial<'_> {
             if tick == counted_from_tick {
                 counted_from_m = Some(path.displacement_m(&base)[0]);
                 driver.plant.reset_work();
+            }
+            if let Some(push) = push.filter(|push| push.tick == tick) {
+                driver.plant.push(push.velocity_in_world);
             }
             let mut base_contact = false;
             let ticked = driver.tick(&path.command(&base, rules), |plant| {

@@ -44,8 +44,9 @@ pub(crate) struct Args {
     /// Yaw about the terrain's direction, ± radians; any yaw on undirected terrain
     #[arg(long, default_value_t = 0.3, value_name = "RAD")]
     yaw_rad: f32,
-    /// What is drawn for each rollout: all, none, or a list of noise, friction, mass, phase
-    #[arg(long, default_value = "all", value_name = "LIST", value_parser = parse_perturb)]
+    /// What is drawn for each rollout: protocol (noise, friction, mass, phase), all (these and push,
+    /// latency, motor), none, or a list
+    #[arg(long, default_value = "protocol", value_name = "LIST", value_parser = parse_perturb)]
     perturb: Perturbations,
     /// Plant to roll out on
     #[arg(long, value_enum, default_value_t = Plant::Reference)]
@@ -70,7 +71,7 @@ pub(super) fn parse_terrain(text: &str) -> Result<TerrainKind, String> {
 
 fn parse_perturb(text: &str) -> Result<Perturbations, String> {
     Perturbations::parse(text)
-        .ok_or_else(|| format!("found {text:?}, wanted all, none, or a list of noise, friction, mass, phase"))
+        .ok_or_else(|| format!("found {text:?}, wanted protocol, all, none, or a list of noise, friction, mass, phase, push, latency, motor"))
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
