@@ -10,6 +10,7 @@ pub mod driver;
 pub mod evaluate;
 pub mod identity;
 pub mod kinematics;
+pub mod physics;
 pub mod plant;
 pub mod rollout;
 pub mod scene;
