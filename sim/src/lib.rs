@@ -19,3 +19,4 @@ pub mod spawn;
 pub mod stream;
 pub mod terrain;
 pub mod threads;
+pub mod transfer;
