@@ -27,7 +27,7 @@ pub enum TransferError {
         missing: String,
     },
     /// Its model is not the robot.
-    #[error("{model} in MuJoCo: found {found_kg} kg, wanted {wanted_kg} kg")]
+    #[error("{model} in MuJoCo: found {found_kg:.3} kg, wanted {wanted_kg:.3} kg")]
     OtherRobot {
         /// The robot's file.
         model: String,
