@@ -10,6 +10,7 @@ use vocaloco_plugin_api::{
 };
 
 use crate::{
+    physics::Physics,
     plant::Plant,
     stream::uniform,
     terrain::{Terrain, Vantage},
@@ -66,9 +67,9 @@ impl SensorNoise {
 }
 
 /// Drives one plugin instance on one plant over one terrain.
-pub struct Driver<'a> {
+pub struct Driver<'a, P = Plant> {
     /// The plant, for reading between ticks.
-    pub plant: &'a mut Plant,
+    pub plant: &'a mut P,
     terrain: &'a Terrain,
     instance: &'a mut PluginInstance,
     patch: Option<TerrainPatch>,
@@ -96,10 +97,10 @@ struct Seen {
     gravity: [f32; 3],
 }
 
-impl<'a> Driver<'a> {
+impl<'a, P: Physics> Driver<'a, P> {
     /// A driver at time 0; `description` says which terrain the plugin needs, `rng` feeds the noise.
     pub fn new(
-        plant: &'a mut Plant,
+        plant: &'a mut P,
         terrain: &'a Terrain,
         instance: &'a mut PluginInstance,
         description: &Description,
@@ -151,7 +152,7 @@ impl<'a> Driver<'a> {
     ///
     /// # Errors
     /// What the plugin reports, or targets that are not finite; the plant has not moved then.
-    pub fn tick(&mut self, command: &Command, mut after_step: impl FnMut(&Plant)) -> Result<(), SkillError> {
+    pub fn tick(&mut self, command: &Command, mut after_step: impl FnMut(&P)) -> Result<(), SkillError> {
         self.observe();
         self.instance.act(&self.seen.state(self.time_s), command, &mut self.targets)?;
         check_finite(&self.targets)?;

@@ -9,6 +9,7 @@ mod energy;
 mod measurement;
 mod pose;
 mod settings;
+mod work;
 mod world;
 
 use std::sync::Arc;
@@ -25,6 +26,7 @@ pub use energy::Momentum;
 pub use measurement::Measurement;
 pub use pose::BasePose;
 pub use settings::{Engine, JointKind, PlantKind, Variation};
+pub(crate) use work::Work;
 
 /// Length of a physics step, s.
 pub const STEP_S: f32 = 0.005;
@@ -53,8 +55,7 @@ struct State {
     world: World,
     variation: Variation,
     measurement: Measurement,
-    positive_work_j: f64,
-    signed_work_j: f64,
+    work: Work,
 }
 
 /// A plant's state, to continue from any number of times.
@@ -76,8 +77,7 @@ impl Plant {
             world: pristine.clone(),
             variation: Variation::default(),
             measurement: Measurement::at_rest(pose, &stand, robot.description.feet.len()),
-            positive_work_j: 0.0,
-            signed_work_j: 0.0,
+            work: Work::default(),
         };
         let mut plant = Self {
             robot: Arc::clone(robot),
@@ -135,25 +135,10 @@ impl Plant {
         self.measure_motion();
     }
 
-    /// One physics step with every drive following its target.
-    ///
-    /// ```text
-    /// τ = strength · limit(k·(q* − q) − d·q̇ + τ_ff, q̇)
-    /// ```
-    ///
-    /// with q and q̇ as measured before the step, τ held over it, and the drive's
-    /// [`limit`](vocaloco_core::robot::Drive::limit). `targets` is in the robot's joint order.
+    /// One physics step with every drive following its target; `targets` is in the robot's joint order.
     pub fn step(&mut self, targets: &[JointTarget]) {
-        debug_assert_eq!(targets.len(), self.robot.joint_count());
-        let measured = &mut self.state.measurement;
         let strength = self.state.variation.motor_strength;
-        for (joint, target) in targets.iter().enumerate() {
-            let velocity = measured.joint_velocity_rad_per_s[joint];
-            let error = target.position_rad - measured.joint_position_rad[joint];
-            let asked = target.stiffness_nm_per_rad * error - target.damping_nms_per_rad * velocity
-                + target.feed_forward_nm;
-            measured.joint_torque_nm[joint] = strength * self.robot.drive.limit(asked, velocity);
-        }
+        self.state.measurement.drive(&self.robot.drive, strength, targets);
         self.advance();
     }
 
@@ -174,18 +159,17 @@ impl Plant {
     /// Σ_step Σ_joint max(0, τ·½(q̇₀ + q̇₁))·Δt
     /// ```
     pub fn positive_work_j(&self) -> f64 {
-        self.state.positive_work_j
+        self.state.work.positive_j
     }
 
     /// As [`positive_work_j`](Self::positive_work_j), braking counted negative, J.
     pub fn signed_work_j(&self) -> f64 {
-        self.state.signed_work_j
+        self.state.work.signed_j
     }
 
     /// Starts counting work anew.
     pub fn reset_work(&mut self) {
-        self.state.positive_work_j = 0.0;
-        self.state.signed_work_j = 0.0;
+        self.state.work = Work::default();
     }
 
     /// The state, to [`restore`](Self::restore) in this plant or in another one made alike.
@@ -243,7 +227,12 @@ impl Plant {
         );
         self.velocity_before.copy_from_slice(&self.state.measurement.joint_velocity_rad_per_s);
         self.measure_motion();
-        self.add_work();
+        let State { measurement, work, .. } = &mut self.state;
+        work.add_step(
+            &measurement.joint_torque_nm,
+            &self.velocity_before,
+            &measurement.joint_velocity_rad_per_s,
+        );
         self.measure_contacts();
     }
 
@@ -281,19 +270,6 @@ impl Plant {
         measurement.base_linear_velocity = pose.vector_in_body(linear);
         measurement.base_angular_velocity = pose.vector_in_body(angular);
         measurement.projected_gravity = pose.vector_in_body([0.0, 0.0, -1.0]);
-    }
-
-    /// Adds the last step's work, given the joint velocities before it.
-    fn add_work(&mut self) {
-        let State { measurement, positive_work_j, signed_work_j, .. } = &mut self.state;
-        let after = &measurement.joint_velocity_rad_per_s;
-        for ((torque, before), after) in
-            measurement.joint_torque_nm.iter().zip(&self.velocity_before).zip(after)
-        {
-            let work = f64::from(torque * 0.5 * (before + after) * STEP_S);
-            *signed_work_j += work;
-            *positive_work_j += work.max(0.0);
-        }
     }
 
     fn measure_contacts(&mut self) {

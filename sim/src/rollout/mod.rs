@@ -15,6 +15,7 @@ use vocaloco_plugin_api::Command;
 use crate::{
     angle::wrapped_rad,
     driver::{Driver, TICK_S},
+    physics::Physics,
     plant::{BasePose, GRAVITY_M_PER_S2, Plant},
     spawn::Spawn,
     terrain::Terrain,
@@ -119,6 +120,12 @@ pub struct Trial<'a> {
 
 impl Trial<'_> {
     /// Rolls the skill out on the plant that the pose was settled on.
+    pub fn roll_out(&self, plant: &mut Plant, chance: &Chance) -> Rollout {
+        plant.restore(&self.spawn.snapshot);
+        self.roll_on(plant, chance)
+    }
+
+    /// Rolls the skill out on any simulator's plant that stands in the pose.
     ///
     /// ```text
     /// command = (0.6, 0, clip(0.5·(ψ_spawn − ψ), ±1))
@@ -130,8 +137,7 @@ impl Trial<'_> {
     ///
     /// # Source
     /// Wu et al. (2025), eq. 1, with positive power only; METHOD, sections 1 and 3.
-    pub fn roll_out(&self, plant: &mut Plant, chance: &Chance) -> Rollout {
-        plant.restore(&self.spawn.snapshot);
+    pub fn roll_on<P: Physics>(&self, plant: &mut P, chance: &Chance) -> Rollout {
         plant.vary(&chance.variation);
         let path = Path::from(&self.spawn.base);
         let mut motion = Motion::new(plant.robot().drive.velocity_limit_rad_per_s);
@@ -160,7 +166,13 @@ impl Trial<'_> {
     }
 
     /// Ticks until the outcome is decided.
-    fn drive(&self, driver: &mut Driver<'_>, path: &Path, push: Option<Push>, motion: &mut Motion) -> End {
+    fn drive<P: Physics>(
+        &self,
+        driver: &mut Driver<'_, P>,
+        path: &Path,
+        push: Option<Push>,
+        motion: &mut Motion,
+    ) -> End {
         let rules = self.rules;
         let ticks = (rules.time_limit_s / TICK_S).round() as usize;
         let counted_from_tick = (rules.cot_from_s / TICK_S).round() as usize;

@@ -29,8 +29,10 @@ impl HeightLookup {
     pub(super) fn new(solids: &[Solid], min_m: [f32; 2], max_m: [f32; 2]) -> Self {
         let count = |axis: usize| ((max_m[axis] - min_m[axis]) / BUCKET_M) as usize + 1;
         let (rows, columns) = (count(0), count(1));
-        let mut entries: Vec<Entry> =
-            (0..).zip(solids).map(|(id, solid)| Entry { solid: id, top_m: solid.top_m(), fills: false }).collect();
+        let mut entries: Vec<Entry> = (0..)
+            .zip(solids)
+            .map(|(id, solid)| Entry { solid: id, top_m: solid.top_m(), fills: false })
+            .collect();
         entries.sort_by(|a, b| b.top_m.total_cmp(&a.top_m));
         let mut lookup = Self { min_m, rows, columns, starts: vec![0], entries: Vec::new() };
         // A little wider than the bucket, so that rounding in `height_m` can never miss an edge.
