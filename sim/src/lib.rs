@@ -15,6 +15,7 @@ pub mod plant;
 pub mod rollout;
 pub mod scene;
 pub mod scores;
+pub mod sensing;
 pub mod spawn;
 pub mod stream;
 pub mod terrain;

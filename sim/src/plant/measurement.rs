@@ -24,6 +24,8 @@ pub struct Measurement {
     pub projected_gravity: [f32; 3],
     /// By the robot's feet: pressing on the ground in the last step.
     pub foot_contact: Vec<bool>,
+    /// By the robot's feet: pressing on something steeper than 60°, such as a riser, in the last step.
+    pub foot_stumble: Vec<bool>,
     /// A base shape pressed on anything in the last step.
     pub base_contact: bool,
     /// A shape other than a foot pressed on anything in the last step.
@@ -62,6 +64,7 @@ impl Measurement {
             base_angular_velocity: [0.0; 3],
             projected_gravity: base.vector_in_body([0.0, 0.0, -1.0]),
             foot_contact: vec![false; feet],
+            foot_stumble: vec![false; feet],
             base_contact: false,
             nonfoot_contact: false,
         }
