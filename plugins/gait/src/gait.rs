@@ -35,6 +35,11 @@ const LOST_TICKS: u32 = 2;
 const SLOWEST_PACE: f64 = 0.6;
 /// Velocity error beyond which the cycle is not quickened further.
 const LARGEST_HURRIED_M_PER_S: f64 = 1.0;
+/// A swing held back by more than this after this share of it comes down where it is.
+const HELD_M: f64 = 0.03;
+const GIVING_UP_SHARE: f64 = 0.75;
+/// A swing held back by this much makes the body wait all it may.
+const MOST_HELD_M: f64 = 0.15;
 /// Height and pitch errors at which a robot has risen.
 const RISEN_M: f64 = 0.02;
 const RISEN_RAD: f64 = 0.1;
@@ -53,6 +58,8 @@ struct LegState {
     lifted_at: Vector3<f64>,
     foothold: Option<Vector2<f64>>,
     searched_m: f64,
+    /// How far the swing was held back before an edge in the last tick.
+    held_m: f64,
     /// Ticks without contact in this stance.
     airborne: u32,
     joints: Vector3<f64>,
@@ -263,6 +270,9 @@ impl Gait {
             f64::from(command.velocity[1]),
             0.0,
         );
+        // The body waits for a foot that has yet to get over an edge.
+        let held_m = self.states.iter().map(|leg| leg.held_m).fold(0.0, f64::max);
+        let wanted = wanted * (1.0 - p.wait * (held_m / MOST_HELD_M).min(1.0));
         let wanted = if self.rising_s > 0.0 { Vector3::zeros() } else { wanted };
         let step = self.parameters.acceleration_m_per_s2 * TICK_S;
         self.aimed += (wanted - self.aimed).map(|difference| difference.clamp(-step, step));
@@ -289,6 +299,7 @@ impl Gait {
                 return if leg.landed { LOAD_START } else { 0.0 };
             }
             leg.swinging = false;
+            leg.held_m = 0.0;
             leg.airborne = if contact { 0 } else { leg.airborne + 1 };
             if contact {
                 leg.landed = true;
@@ -400,9 +411,13 @@ impl Gait {
         let highest_m = ground.highest_between([from.x, from.y], chosen.into()) + radius;
         let ahead_s = p.swing_damping / p.swing_stiffness + 0.5 * TICK_S;
         let swing = Swing { from, to, highest_m };
-        let mut target = swing.gated(&swing.at(share + ahead_s / swing_s, p), place, radius, ground, p);
+        let (mut target, held_m) =
+            swing.gated(&swing.at(share + ahead_s / swing_s, p), place, radius, ground, p);
         target.z -= state.searched_m;
-        self.states[index].foothold = Some(chosen);
+        // Too late to get up there in this swing: down before the edge, rather than hang in the air.
+        let given_up = held_m > HELD_M && share > GIVING_UP_SHARE;
+        self.states[index].foothold = Some(if given_up { target.xy() } else { chosen });
+        self.states[index].held_m = held_m;
         // Where the body will be by then.
         body.rotation.inverse() * (target - body.velocity * (0.5 * TICK_S))
     }

@@ -54,6 +54,7 @@ parameters! {
     pace: 1.0 in 0.7..=1.3, "1", Linear, "Forward velocity aimed at, per commanded velocity.";
     uphill_pace: 0.0 in -0.6..=0.3, "1", Linear, "Change of the pace per rise per metre.";
     downhill_pace: 0.0 in -0.6..=0.3, "1", Linear, "Change of the pace per fall per metre.";
+    wait: 0.0 in 0.0..=1.0, "1", Linear, "How much of its velocity the body gives up while a foot is held before an edge.";
     acceleration_m_per_s2: 1.5 in 0.5..=4.0, "m/s²", Log, "How fast the aimed velocity may change.";
     base_height_m: 0.51 in 0.42..=0.58, "m", Linear, "Base origin above the line fitted to the terrain.";
     fit_half_length_m: 0.36 in 0.25..=0.6, "m", Linear, "Half the length of terrain that the line is fitted to.";
@@ -80,7 +81,7 @@ parameters! {
     yaw_rate_gain: 8.0 in 1.0..=30.0, "1/s", Log, "Yaw acceleration per yaw rate error.";
     step_velocity_gain_s: 0.08 in 0.0..=0.3, "s", Linear, "Foothold shift per velocity error.";
     step_ahead: 0.42 in 0.2..=0.8, "1", Linear, "Share of a stance's travel that the foot lands ahead of its hip.";
-    fore_offset_m: 0.0 in -0.12..=0.15, "m", Linear, "Fore footholds ahead of their hips.";
+    fore_offset_m: 0.0 in -0.12..=0.2, "m", Linear, "Fore footholds ahead of their hips.";
     hind_offset_m: 0.0 in -0.15..=0.15, "m", Linear, "Hind footholds ahead of their hips.";
     width_offset_m: -0.03 in -0.12..=0.06, "m", Linear, "Footholds outward of their hips.";
     slope_shift: 0.5 in -0.5..=1.5, "1", Linear, "Footholds moved downhill, per slope and base height.";

@@ -29,6 +29,7 @@ impl Swing {
     /// driven into its riser, and one still above the step it leaves onto its edge. So the target
     /// travels no further than where the ground rises above the foot as it is at `place`, less
     /// `gate_m`, and does not sink below ground that is still between the foot and its foothold.
+    /// With it, how far the target was held back.
     pub(crate) fn gated(
         &self,
         target: &Vector3<f64>,
@@ -36,12 +37,13 @@ impl Swing {
         radius_m: f64,
         ground: &Ground<'_>,
         parameters: &Parameters,
-    ) -> Vector3<f64> {
+    ) -> (Vector3<f64>, f64) {
         let (way, length) = {
             let way = (target - self.from).xy();
             (way, way.norm())
         };
         let mut gated = *target;
+        let mut held_m = 0.0;
         let reach_m = place.z - radius_m - parameters.gate_m;
         let start_m = ground.height_m(self.from.x, self.from.y) + OBSTACLE_M;
         if length > PROBE_M {
@@ -52,10 +54,11 @@ impl Swing {
                 let point = self.from.xy() + ahead * distance;
                 let height = ground.height_m(point.x, point.y);
                 if height > start_m && height > reach_m {
-                    let held = (distance - PROBE_M - radius_m).clamp(0.0, length);
-                    let at = self.from.xy() + ahead * held;
+                    let left_m = (distance - PROBE_M - radius_m).clamp(0.0, length);
+                    let at = self.from.xy() + ahead * left_m;
                     gated.x = at.x;
                     gated.y = at.y;
+                    held_m = length - left_m;
                     break;
                 }
             }
@@ -64,7 +67,7 @@ impl Swing {
         if between_m + radius_m > self.to.z + OBSTACLE_M {
             gated.z = gated.z.max(between_m + radius_m + parameters.gate_m.max(0.0));
         }
-        gated
+        (gated, held_m)
     }
 
     /// Position at `share` 0 to 1 of the swing. Past 1 it stays at the end, `press_m` below `to`.
@@ -118,10 +121,10 @@ mod tests {
             highest_m: -0.27,
         };
         let target = Vector3::new(0.48, 0.3, -0.2);
-        let low = swing.gated(&target, &Vector3::new(0.25, 0.3, -0.4), 0.03, &ground, &parameters);
-        assert!(low.x < 0.39 && low.z == target.z, "{low}");
-        let high = swing.gated(&target, &Vector3::new(0.3, 0.3, -0.2), 0.03, &ground, &parameters);
-        assert_eq!(high, target);
+        let (low, held_m) = swing.gated(&target, &Vector3::new(0.25, 0.3, -0.4), 0.03, &ground, &parameters);
+        assert!(low.x < 0.39 && low.z == target.z && held_m > 0.1, "{low} {held_m}");
+        let (high, held_m) = swing.gated(&target, &Vector3::new(0.3, 0.3, -0.2), 0.03, &ground, &parameters);
+        assert_eq!((high, held_m), (target, 0.0));
     }
 
     #[test]
@@ -135,9 +138,9 @@ mod tests {
             highest_m: -0.47,
         };
         let target = Vector3::new(0.6, 0.3, -0.6);
-        let over = swing.gated(&target, &Vector3::new(0.36, 0.3, -0.4), 0.03, &ground, &parameters);
+        let (over, _) = swing.gated(&target, &Vector3::new(0.36, 0.3, -0.4), 0.03, &ground, &parameters);
         assert!(over.z >= -0.47 && over.x == target.x, "{over}");
-        let past = swing.gated(&target, &Vector3::new(0.5, 0.3, -0.4), 0.03, &ground, &parameters);
+        let (past, _) = swing.gated(&target, &Vector3::new(0.5, 0.3, -0.4), 0.03, &ground, &parameters);
         assert_eq!(past, target);
     }
 
