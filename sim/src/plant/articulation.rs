@@ -48,7 +48,7 @@ impl Articulation {
                 .build();
             hinge.data.contacts_enabled = false;
             match kind {
-                JointKind::Multibody => {
+                JointKind::Multibody | JointKind::Reduced => {
                     multibody = world.multibody_joints.insert(parent, links[index + 1], hinge, true);
                 }
                 JointKind::Impulse => {

@@ -1,26 +1,29 @@
-//! The plant: one robot on one terrain in rapier3d, stepped at 200 Hz.
+//! The plant: one robot on one terrain, stepped at 200 Hz, in rapier3d or by dynamics of its own.
 //!
-//! Joints are a reduced-coordinate multibody with rotor inertia, ranges and self-collision; drives
-//! are modelled here, since the engine has none. The plant knows no skill and no clock: the same
+//! Joints are in reduced coordinates, with rotor inertia, ranges and self-collision; drives are
+//! modelled here, since the engine has none. The plant knows no skill and no clock: the same
 //! calls give the same bytes, and a restored snapshot continues bit for bit.
 
 mod articulation;
+mod body;
 mod energy;
 mod measurement;
 mod pose;
+mod rapier;
+mod reduced;
 mod settings;
 mod work;
 mod world;
 
 use std::sync::Arc;
 
-use rapier3d::prelude::*;
 use vocaloco_core::robot::{RobotModel, Role};
 use vocaloco_plugin_api::JointTarget;
 
 use crate::terrain::Terrain;
-use articulation::{Motion, parent_link};
-use world::{Handles, Part, World};
+use articulation::Motion;
+use body::{Body, Pattern, Stepper};
+use world::{Part, Pressing};
 
 pub use energy::Momentum;
 pub use measurement::Measurement;
@@ -38,28 +41,22 @@ pub const GRAVITY_M_PER_S2: f32 = 9.81;
 /// A robot on a terrain.
 pub struct Plant {
     blueprint: Arc<Blueprint>,
-    pipeline: PhysicsPipeline,
-    ccd: CCDSolver,
-    soft_bodies: SoftBodySet,
+    stepper: Stepper,
     state: State,
-    torque_on_link: Vec<Vector>,
     velocity_before: Vec<f32>,
 }
 
 /// What no step changes: shared by a plant and all its snapshots.
 struct Blueprint {
     robot: Arc<RobotModel>,
-    handles: Handles,
-    parameters: IntegrationParameters,
-    /// The robot at the origin, before its first step.
-    pristine: World,
+    pattern: Pattern,
     engine: Engine,
 }
 
 /// Everything that a step changes and a snapshot keeps.
 #[derive(Clone)]
 struct State {
-    world: World,
+    body: Body,
     variation: Variation,
     measurement: Measurement,
     work: Work,
@@ -80,17 +77,16 @@ impl Plant {
 
     /// As [`new`](Self::new), with the engine's settings given: for measuring them.
     pub fn with_engine(robot: &Arc<RobotModel>, terrain: &Terrain, engine: Engine) -> Self {
-        let (pristine, handles) = World::build(robot, terrain, engine);
+        let pattern = Pattern::new(robot, terrain, engine);
         let pose = BasePose::from_yaw([0.0, 0.0, robot.description.stand_height_m as f32], 0.0);
         let stand = robot.stand_position_rad();
         let state = State {
-            world: pristine.clone(),
+            body: pattern.placed(robot, &pose, &stand),
             variation: Variation::default(),
             measurement: Measurement::at_rest(pose, &stand, robot.description.feet.len()),
             work: Work::default(),
         };
-        let parameters = parameters(engine);
-        let blueprint = Blueprint { robot: Arc::clone(robot), handles, parameters, pristine, engine };
+        let blueprint = Blueprint { robot: Arc::clone(robot), pattern, engine };
         let mut plant = Self::continuing(Arc::new(blueprint), state);
         plant.place(&pose, &stand);
         plant
@@ -103,12 +99,9 @@ impl Plant {
 
     fn continuing(blueprint: Arc<Blueprint>, state: State) -> Self {
         Self {
-            torque_on_link: vec![Vector::ZERO; blueprint.robot.links.len()],
             velocity_before: vec![0.0; blueprint.robot.joint_count()],
+            stepper: blueprint.pattern.stepper(),
             blueprint,
-            pipeline: PhysicsPipeline::new(),
-            ccd: CCDSolver::new(),
-            soft_bodies: SoftBodySet::new(),
             state,
         }
     }
@@ -118,13 +111,11 @@ impl Plant {
     /// `joint_position_rad` is in the robot's joint order and within the joints' ranges.
     pub fn place(&mut self, pose: &BasePose, joint_position_rad: &[f32]) {
         debug_assert_eq!(joint_position_rad.len(), self.blueprint.robot.joint_count());
-        let mut world = self.blueprint.pristine.clone();
-        let Handles { links, articulation, .. } = &self.blueprint.handles;
-        articulation.place(&mut world, &self.blueprint.robot, links, pose, joint_position_rad);
-        self.state.world = world;
+        let Blueprint { robot, pattern, .. } = &*self.blueprint;
+        self.state.body = pattern.placed(robot, pose, joint_position_rad);
         self.state.measurement =
             Measurement::at_rest(*pose, joint_position_rad, self.blueprint.robot.description.feet.len());
-        self.pipeline = PhysicsPipeline::new();
+        self.stepper.forget();
         self.reset_work();
         let variation = self.state.variation;
         self.vary(&variation);
@@ -133,22 +124,13 @@ impl Plant {
     /// Sets friction, base mass and motor strength from the next step on.
     pub fn vary(&mut self, variation: &Variation) {
         self.state.variation = *variation;
-        let world = &mut self.state.world;
-        for handle in &self.blueprint.handles.robot_colliders {
-            let collider = &mut world.colliders[*handle];
-            collider.set_friction(variation.friction);
-        }
-        let link = &self.blueprint.robot.links[0];
-        let mass_kg = link.mass_kg + f64::from(variation.base_mass_offset_kg);
-        let base = &mut world.bodies[self.blueprint.handles.links[0]];
-        base.set_additional_mass_properties(world::mass_properties(link, mass_kg), false);
-        base.recompute_mass_properties_from_colliders(&world.colliders);
+        let Blueprint { robot, pattern, .. } = &*self.blueprint;
+        pattern.vary(&mut self.state.body, robot, variation);
     }
 
     /// Adds a velocity to the base at once, m/s in the world.
     pub fn push(&mut self, velocity_in_world: [f32; 3]) {
-        let Handles { links, articulation, .. } = &self.blueprint.handles;
-        articulation.push(&mut self.state.world, links, velocity_in_world);
+        self.blueprint.pattern.push(&mut self.state.body, velocity_in_world);
         self.measure_motion();
     }
 
@@ -200,10 +182,13 @@ impl Plant {
     /// When it is of another robot.
     pub fn restore(&mut self, snapshot: &Snapshot) {
         assert_eq!(self.blueprint.robot.name, snapshot.blueprint.robot.name, "a plant keeps its robot");
-        self.blueprint = Arc::clone(&snapshot.blueprint);
+        if Arc::ptr_eq(&self.blueprint, &snapshot.blueprint) {
+            self.stepper.forget();
+        } else {
+            self.blueprint = Arc::clone(&snapshot.blueprint);
+            self.stepper = self.blueprint.pattern.stepper();
+        }
         self.state.clone_from(&snapshot.state);
-        // The pipeline holds work space that refers to the world it last stepped.
-        self.pipeline = PhysicsPipeline::new();
     }
 
     /// Mass with the variation, kg.
@@ -225,28 +210,14 @@ impl Plant {
 
     /// Poses of all links in the world, the base first.
     pub fn link_poses(&self) -> impl Iterator<Item = BasePose> + '_ {
-        self.blueprint.handles.links.iter().map(|handle| self.state.world.bodies[*handle].position().into())
+        self.blueprint.pattern.link_poses(&self.state.body).into_iter()
     }
 
     /// Applies the torques in the measurement, steps the world and measures.
     fn advance(&mut self) {
-        self.apply_torques();
-        let world = &mut self.state.world;
-        self.pipeline.step(
-            Vector::new(0.0, 0.0, -GRAVITY_M_PER_S2),
-            &self.blueprint.parameters,
-            &mut world.islands,
-            &mut world.broad_phase,
-            &mut world.narrow_phase,
-            &mut world.bodies,
-            &mut world.colliders,
-            &mut world.impulse_joints,
-            &mut world.multibody_joints,
-            &mut self.soft_bodies,
-            &mut self.ccd,
-            &(),
-            &(),
-        );
+        let State { body, measurement, variation, .. } = &mut self.state;
+        let Blueprint { robot, pattern, .. } = &*self.blueprint;
+        self.stepper.step(pattern, body, robot, &measurement.joint_torque_nm, variation);
         self.velocity_before.copy_from_slice(&self.state.measurement.joint_velocity_rad_per_s);
         self.measure_motion();
         let State { measurement, work, .. } = &mut self.state;
@@ -258,36 +229,16 @@ impl Plant {
         self.measure_contacts();
     }
 
-    /// +τ on the child, −τ on the parent, about the joint's axis in the world.
-    fn apply_torques(&mut self) {
-        let world = &mut self.state.world;
-        self.torque_on_link.fill(Vector::ZERO);
-        for (index, joint) in self.blueprint.robot.description.joints.iter().enumerate() {
-            let rotation = world.bodies[self.blueprint.handles.links[index + 1]].rotation();
-            let torque = rotation * world::vector(joint.axis) * self.state.measurement.joint_torque_nm[index];
-            self.torque_on_link[index + 1] += torque;
-            self.torque_on_link[parent_link(&self.blueprint.robot, index)] -= torque;
-        }
-        for (handle, torque) in self.blueprint.handles.links.iter().zip(&self.torque_on_link) {
-            let body = &mut world.bodies[*handle];
-            // Torques given by the user persist from step to step.
-            body.reset_torques(false);
-            body.add_torque(*torque, false);
-        }
-    }
-
     fn measure_motion(&mut self) {
-        let State { world, measurement, .. } = &mut self.state;
+        let State { body, measurement, .. } = &mut self.state;
         let mut motion = Motion {
             joint_position_rad: &mut measurement.joint_position_rad,
             joint_velocity_rad_per_s: &mut measurement.joint_velocity_rad_per_s,
             base_linear_in_world: [0.0; 3],
             base_angular_in_world: [0.0; 3],
         };
-        let Handles { links, articulation, .. } = &self.blueprint.handles;
-        articulation.read(world, &self.blueprint.robot, links, &mut motion);
+        let pose = self.blueprint.pattern.read(body, &self.blueprint.robot, &mut motion);
         let (linear, angular) = (motion.base_linear_in_world, motion.base_angular_in_world);
-        let pose: BasePose = world.bodies[links[0]].position().into();
         measurement.base = pose;
         measurement.base_linear_velocity = pose.vector_in_body(linear);
         measurement.base_angular_velocity = pose.vector_in_body(angular);
@@ -295,31 +246,18 @@ impl Plant {
     }
 
     fn measure_contacts(&mut self) {
-        let State { world, measurement, .. } = &mut self.state;
+        let State { body, measurement, .. } = &mut self.state;
         measurement.foot_contact.fill(false);
         measurement.foot_stumble.fill(false);
         measurement.base_contact = false;
         measurement.nonfoot_contact = false;
-        let part =
-            |collider: ColliderHandle| self.blueprint.handles.parts[collider.into_raw_parts().0 as usize];
-        for pair in world.narrow_phase.contact_pairs() {
-            let mut pressing = false;
-            let mut pressing_sideways = false;
-            for manifold in pair.rigid().into_iter().flat_map(|contacts| contacts.solver_manifolds()) {
-                let presses = manifold.points.iter().any(|point| point.data.impulse > 0.0);
-                pressing |= presses;
-                pressing_sideways |= presses && manifold.data.normal.z.abs() < STEEP_NORMAL_Z;
-            }
-            if !pressing {
-                continue;
-            }
-            let sides = [part(pair.collider1), part(pair.collider2)];
+        self.blueprint.pattern.for_each_pressing(body, |Pressing { sides, steep }| {
             let on_terrain = sides.contains(&Part::Terrain);
             for side in sides {
                 match side {
                     Part::Robot(Role::Foot(foot)) => {
                         measurement.foot_contact[foot] |= on_terrain;
-                        measurement.foot_stumble[foot] |= on_terrain && pressing_sideways;
+                        measurement.foot_stumble[foot] |= on_terrain && steep;
                     }
                     Part::Robot(Role::Base) => {
                         measurement.base_contact = true;
@@ -329,21 +267,7 @@ impl Plant {
                     Part::Terrain => {}
                 }
             }
-        }
-    }
-}
-
-fn parameters(engine: Engine) -> IntegrationParameters {
-    IntegrationParameters {
-        dt: STEP_S,
-        num_solver_iterations: engine.iterations,
-        // Feet are slow against the thickness of the ground.
-        max_ccd_substeps: 0,
-        // A foot at 2 m/s is seen a step ahead; more only makes contacts that never press.
-        normalized_prediction_distance: 0.01,
-        // A reused contact would hold a foot that has slid over an edge.
-        contact_recycling: false,
-        ..IntegrationParameters::default()
+        });
     }
 }
 

@@ -22,7 +22,7 @@ impl PlantKind {
     pub const fn engine(self) -> Engine {
         match self {
             Self::Reference => Engine { joints: JointKind::Multibody, iterations: 2 },
-            Self::Fast => Engine { joints: JointKind::Multibody, iterations: 1 },
+            Self::Fast => Engine { joints: JointKind::Reduced, iterations: 2 },
         }
     }
 }
@@ -30,10 +30,12 @@ impl PlantKind {
 /// How the engine joins links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
-    /// Reduced coordinates: joints cannot stretch, and carry rotor inertia.
+    /// Reduced coordinates in rapier: joints cannot stretch, and carry rotor inertia.
     Multibody,
     /// Free bodies held together by impulses: joints stretch under load, and have no rotor inertia.
     Impulse,
+    /// As [`Multibody`](Self::Multibody), but by the plant's own dynamics, which keep a tree's zeros.
+    Reduced,
 }
 
 /// How rapier solves a step.

@@ -13,6 +13,14 @@ pub(super) enum Part {
     Robot(Role),
 }
 
+/// Two parts that pressed on each other in the last step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pressing {
+    pub(super) sides: [Part; 2],
+    /// Along a normal more than 60° from the vertical: against a riser.
+    pub(super) steep: bool,
+}
+
 /// The state of one robot on its terrain.
 #[derive(Clone)]
 pub(super) struct World {
@@ -111,7 +119,8 @@ pub(super) fn mass_properties(link: &Link, mass_kg: f64) -> MassProperties {
     MassProperties::with_inertia_matrix(vector(link.com_in_link_m), mass_kg as f32, inertia)
 }
 
-fn collider(shape: &Shape) -> ColliderBuilder {
+/// Geometry of a shape and its pose in its link.
+pub(super) fn shape_geometry(shape: &Shape) -> (SharedShape, Pose) {
     let [x, y, z, w] = shape.orientation_in_link_xyzw.map(|value| value as f32);
     let mut rotation = Rotation::from_xyzw(x, y, z, w).normalize();
     let geometry = match shape.kind {
@@ -128,8 +137,13 @@ fn collider(shape: &Shape) -> ColliderBuilder {
             SharedShape::cuboid(hx as f32, hy as f32, hz as f32)
         }
     };
+    (geometry, Pose::from_parts(vector(shape.centre_in_link_m), rotation))
+}
+
+fn collider(shape: &Shape) -> ColliderBuilder {
+    let (geometry, pose) = shape_geometry(shape);
     ColliderBuilder::new(geometry)
-        .position(Pose::from_parts(vector(shape.centre_in_link_m), rotation))
+        .position(pose)
         .density(0.0)
         .friction_combine_rule(CoefficientCombineRule::Multiply)
 }
