@@ -305,7 +305,7 @@ impl Plant {
         for pair in world.narrow_phase.contact_pairs() {
             let mut pressing = false;
             let mut pressing_sideways = false;
-            for manifold in pair.rigid().into_iter().flat_map(|contacts| contacts.solver_manifolds()) {
+            for manifold in pair.rigid().into_iter().flat_map(RigidPairContacts::solver_manifolds) {
                 let presses = manifold.points.iter().any(|point| point.data.impulse > 0.0);
                 pressing |= presses;
                 pressing_sideways |= presses && manifold.data.normal.z.abs() < STEEP_NORMAL_Z;
