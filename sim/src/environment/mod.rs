@@ -253,6 +253,11 @@ impl Environment {
         true
     }
 
+    /// The joint targets behind the latest [`expert_action`](Self::expert_action), if it gave one.
+    pub fn expert_targets(&self) -> Option<&[JointTarget]> {
+        self.shadow.as_ref()?.latest()
+    }
+
     /// The latest step's reward by term, times weight and time step.
     pub fn reward_terms(&self) -> &[(&'static str, f32)] {
         self.judge.terms()

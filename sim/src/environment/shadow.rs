@@ -67,6 +67,11 @@ impl Shadow {
                 .all(|target| target.torque_nm(0.0, 1.0).is_finite() && target.position_rad.is_finite());
             self.acted_at = finite.then_some(tick);
         }
+        self.latest()
+    }
+
+    /// The targets that it gave last, if it gave any.
+    pub(super) fn latest(&self) -> Option<&[JointTarget]> {
         self.acted_at.map(|_| self.targets.as_slice())
     }
 }
