@@ -191,8 +191,10 @@ fn examine(
     named(&file, name, "skill").map_err(|finding| vec![finding])?;
     let manifest = SkillManifest::read(&file).map_err(|finding| vec![finding])?;
     let folder = installation.skill_folder(name);
-    let mut findings = manifest.contract.misfits(&file, robot);
-
+    let misfits_on_robot = manifest.contract.iter().flat_map(|contract| contract.misfits(robot));
+    let mut findings: Vec<Finding> = misfits_on_robot
+        .map(|misfit| Finding::new(&file, format!("contract.{}", misfit.field), misfit.found, misfit.wanted))
+        .collect();
     findings.extend(unsupported(&manifest));
     let parameters = match &manifest.models.parameters {
         None => Ok(String::new()),

@@ -54,7 +54,7 @@ impl Query {
             seed,
             rules: RolloutRules::default(),
             spawn: SpawnRules { any_yaw_share: 0.0, ..SpawnRules::default() },
-            perturb: Perturbations::all(),
+            perturb: Perturbations::protocol(),
             patch_noise_m: 0.02,
             field_noise_m: 0.1,
             plant: PlantKind::Reference,
@@ -71,6 +71,37 @@ pub struct Sample {
     pub rollout: Rollout,
 }
 
+/// The scenes and draws of a query, by row.
+pub(crate) struct Staging<'a> {
+    robot: &'a Arc<RobotModel>,
+    query: &'a Query,
+    spawner: Spawner,
+    seed: u64,
+}
+
+impl<'a> Staging<'a> {
+    pub(crate) fn new(robot: &'a Arc<RobotModel>, query: &'a Query) -> Self {
+        let index = [query.terrain as u64, u64::from(query.size_m.to_bits())];
+        let seed = derived_seed(query.seed, "evaluate", &index);
+        Self { robot, query, spawner: Spawner::new(robot, query.spawn), seed }
+    }
+
+    /// A row's seed, and the robot standing in its pose.
+    pub(crate) fn row(&self, row: u64) -> Result<(u64, Scene), CollectError> {
+        let Query { terrain, size_m, plant, .. } = *self.query;
+        let seed = row_seed(self.seed, row);
+        let scene = Scene::stage(self.robot, &self.spawner, (terrain, size_m), seed, plant)
+            .map_err(|source| CollectError::Pose { row, source })?;
+        Ok((seed, scene))
+    }
+
+    /// What is drawn for the one rollout of a row.
+    pub(crate) fn chance(&self, row_seed: u64) -> Chance {
+        let noise = SensorNoise { patch_m: self.query.patch_noise_m, ..SensorNoise::default() };
+        Chance::draw(row_seed, 0, &self.query.perturb, noise)
+    }
+}
+
 /// Rolls a skill out from fresh poses, in parallel on the current rayon pool, in the order of the
 /// poses; `progress` is called once for each, from any thread.
 ///
@@ -82,20 +113,14 @@ pub fn sample(
     query: &Query,
     progress: &(dyn Fn() + Sync),
 ) -> Result<Vec<Sample>, CollectError> {
-    let index = [query.terrain as u64, u64::from(query.size_m.to_bits())];
-    let seed = derived_seed(query.seed, "evaluate", &index);
-    let spawner = Spawner::new(robot, query.spawn);
-    let noise = SensorNoise { patch_m: query.patch_noise_m, ..SensorNoise::default() };
+    let staging = Staging::new(robot, query);
     let one = |row: usize| {
         let row = row as u64;
-        let seed = row_seed(seed, row);
-        let mut scene = Scene::stage(robot, &spawner, (query.terrain, query.size_m), seed, query.plant)
-            .map_err(|source| CollectError::Pose { row, source })?;
+        let (seed, mut scene) = staging.row(row)?;
         let field = noisy_field(&scene.spawn.heightfield, query.field_noise_m, seed)
             .map_err(|source| CollectError::Field { row, source })?;
         let trial = Trial { terrain: &scene.terrain, spawn: &scene.spawn, skill, rules: &query.rules };
-        let chance = Chance::draw(seed, 0, &query.perturb, noise);
-        let rollout = trial.roll_out(&mut scene.plant, &chance);
+        let rollout = trial.roll_out(&mut scene.plant, &staging.chance(seed));
         progress();
         Ok(Sample { field, rollout })
     };
@@ -157,8 +182,14 @@ pub struct ViabilityRow {
 
 /// Puts samples into a row.
 pub fn summarise(skill: &RolledSkill, query: &Query, samples: &[Sample]) -> ViabilityRow {
-    let n = samples.len();
-    let rollouts = || samples.iter().map(|sample| &sample.rollout);
+    let rollouts: Vec<&Rollout> = samples.iter().map(|sample| &sample.rollout).collect();
+    summarise_rollouts(skill, query, &rollouts)
+}
+
+/// Puts rollouts into a row, as made by rapier.
+pub fn summarise_rollouts(skill: &RolledSkill, query: &Query, rollouts: &[&Rollout]) -> ViabilityRow {
+    let n = rollouts.len();
+    let rollouts = || rollouts.iter().copied();
     let count = |outcomes: &[Outcome]| rollouts().filter(|one| outcomes.contains(&one.outcome)).count();
     let share = |outcomes: &[Outcome]| if n == 0 { 0.0 } else { count(outcomes) as f64 / n as f64 };
     let reached = count(&[Outcome::Reached]);

@@ -3,6 +3,7 @@
 mod calibration;
 mod calibration_page;
 mod success;
+mod transfer;
 mod viability;
 
 use crate::exit::Exit;
@@ -21,6 +22,8 @@ enum Experiment {
     Calibration(calibration::Args),
     /// A course with the selector or one skill alone, by step height
     Success(success::Args),
+    /// The same skill, nothing retuned, in rapier and in MuJoCo (a Python process) from the same poses
+    Transfer(transfer::Args),
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
@@ -28,5 +31,6 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         Experiment::Viability(args) => viability::run(&args),
         Experiment::Calibration(args) => calibration::run(&args),
         Experiment::Success(args) => success::run(&args),
+        Experiment::Transfer(args) => transfer::run(&args),
     }
 }

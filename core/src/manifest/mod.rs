@@ -3,13 +3,11 @@
 //! Raw serde structs become checked types at this door; nothing behind it looks up strings. Every
 //! refusal is a [`Finding`]: file, line, field, what was found, what would be right.
 
-mod contract;
 mod deployment;
 mod finding;
 mod reader;
 mod skill;
 
-pub use contract::{Action, Contract, Gains, ObservationTerm};
 pub use deployment::{Deployment, HeightfieldLimits};
 pub use finding::Finding;
 pub use reader::read_bounded;

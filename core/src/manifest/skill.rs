@@ -4,8 +4,8 @@ use std::path::{Component, Path, PathBuf};
 
 use serde::Deserialize;
 use vocaloco_plugin_api::CommandKind;
+use vocaloco_plugin_api::contract::Contract;
 
-use super::contract::{Contract, RawContract};
 use super::reader::Source;
 use super::{Finding, is_snake_case};
 
@@ -28,8 +28,8 @@ pub struct SkillManifest {
     pub command: CommandRange,
     /// What its predictors predict.
     pub rollout: Rollout,
-    /// What its policy was trained with; empty for a structured controller.
-    pub contract: Contract,
+    /// What its policy was trained with; a structured controller has none.
+    pub contract: Option<Contract>,
 }
 
 /// Files of a skill, relative to `skills/<name>/`; none leads out of that folder.
@@ -95,8 +95,7 @@ struct Raw {
     command: RawCommand,
     #[serde(default)]
     rollout: RawRollout,
-    #[serde(default)]
-    contract: RawContract,
+    contract: Option<Contract>,
 }
 
 #[derive(Deserialize)]
@@ -172,7 +171,7 @@ impl SkillManifest {
             },
             command: command(&source, &raw.command)?,
             rollout: rollout(&source, &raw.rollout)?,
-            contract: raw.contract.check(&source)?,
+            contract: raw.contract,
             name: raw.name,
             summary: raw.summary,
             plugin: raw.plugin,

@@ -6,8 +6,11 @@
 //! [`RobotDescription::joints`].
 
 pub mod abi;
+pub mod action;
+pub mod contract;
 mod description;
 mod error;
+pub mod observation;
 mod robot;
 mod skill;
 mod state;

@@ -62,3 +62,12 @@ pub struct JointTarget {
     /// Torque added to the PD law, N·m.
     pub feed_forward_nm: f32,
 }
+
+impl JointTarget {
+    /// Torque that the drive is asked for at position `q_rad` and velocity `qd_rad_per_s`, N·m, before
+    /// its limits.
+    pub fn torque_nm(&self, q_rad: f32, qd_rad_per_s: f32) -> f32 {
+        self.stiffness_nm_per_rad * (self.position_rad - q_rad) - self.damping_nms_per_rad * qd_rad_per_s
+            + self.feed_forward_nm
+    }
+}

@@ -10,6 +10,11 @@ use crate::{
     parameters::Parameters,
 };
 
+/// Spacing and width of the points below the base at which its distance to the ground is looked at.
+const BELLY_PROBE_M: f64 = 0.06;
+const BELLY_HALF_WIDTH_M: f64 = 0.1;
+/// Largest pitch that makes up for a want of distance.
+const LARGEST_LIFT_RAD: f64 = 0.4;
 /// Largest error of the base's height that is acted on, m.
 const LARGEST_HEIGHT_ERROR_M: f64 = 0.15;
 
@@ -19,6 +24,8 @@ pub(crate) struct Estimate {
     roll: f64,
     pitch: f64,
     velocity_in_base: Vector3<f64>,
+    /// The terrain under the body as last estimated.
+    line: Option<Line>,
 }
 
 /// What is known of the body this tick.
@@ -35,13 +42,25 @@ pub(crate) struct Body {
     pub(crate) rates: Vector3<f64>,
     /// The terrain under the body.
     pub(crate) line: Line,
+    /// How much too near the ground the base is.
+    lack: Lack,
+}
+
+/// How far the base's fore and hind half would have to rise for the distance that the parameters ask, m.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Lack {
+    fore_m: f64,
+    hind_m: f64,
+    /// From the middle of one half to that of the other.
+    length_m: f64,
 }
 
 impl Estimate {
     /// As measured, when there is nothing before it.
     pub(crate) fn of(state: &RobotState<'_>) -> Self {
         let (roll, pitch) = measured_attitude(state);
-        Self { roll, pitch, velocity_in_base: state.base_linear_velocity_m_per_s.map(f64::from).into() }
+        let velocity_in_base = state.base_linear_velocity_m_per_s.map(f64::from).into();
+        Self { roll, pitch, velocity_in_base, line: None }
     }
 
     /// Yaw-aligned frame from base frame.
@@ -51,10 +70,13 @@ impl Estimate {
 
     /// One tick on: attitude by integrating the rates and leaning towards gravity, velocity by an
     /// exponential average.
+    ///
+    /// `hip_x_m` is how far the hips are from the base's origin.
     pub(crate) fn update(
         &mut self,
         state: &RobotState<'_>,
         ground: &Ground<'_>,
+        hip_x_m: f64,
         parameters: &Parameters,
     ) -> Body {
         let p = parameters;
@@ -67,13 +89,33 @@ impl Estimate {
         let rotation = attitude(self.roll, self.pitch);
         let measured = Vector3::from(state.base_linear_velocity_m_per_s.map(f64::from));
         self.velocity_in_base += p.velocity_trust * (measured - self.velocity_in_base);
+        let velocity = rotation * self.velocity_in_base;
+        let fitted = ground.line(p.fit_ahead_m, p.fit_half_length_m);
+        let line = self.line.map_or(fitted, |last| last.moved(&velocity).towards(&fitted, p.line_trust));
+        self.line = Some(line);
         Body {
             rotation,
             roll: self.roll,
             pitch: self.pitch,
-            velocity: rotation * self.velocity_in_base,
+            lack: lack(ground, self.pitch, hip_x_m, p),
+            velocity,
             rates: rotation * rates_in_base,
-            line: ground.line(p.fit_ahead_m, p.fit_half_length_m),
+            line,
+        }
+    }
+}
+
+impl Line {
+    /// The same line a tick later, seen from a base that moves.
+    fn moved(self, velocity: &Vector3<f64>) -> Self {
+        let rise_m = (self.slope * velocity.x - velocity.z) * TICK_S;
+        Self { height_m: self.height_m + rise_m, slope: self.slope }
+    }
+
+    fn towards(self, other: &Self, share: f64) -> Self {
+        Self {
+            height_m: self.height_m + share * (other.height_m - self.height_m),
+            slope: self.slope + share * (other.slope - self.slope),
         }
     }
 }
@@ -81,13 +123,37 @@ impl Estimate {
 impl Body {
     /// The pitch that follows the terrain: nose up where it rises.
     pub(crate) fn wanted_pitch_rad(&self, parameters: &Parameters) -> f64 {
+        let Lack { fore_m, hind_m, length_m } = self.lack;
+        let lifted = parameters.belly_pitch * (fore_m - hind_m) / length_m.max(0.1);
         -parameters.pitch_follow * libm::atan(self.line.slope)
+            - lifted.clamp(-LARGEST_LIFT_RAD, LARGEST_LIFT_RAD)
     }
 
     /// How much higher the base should be above the terrain.
     pub(crate) fn height_error_m(&self, parameters: &Parameters) -> f64 {
-        (parameters.base_height_m + self.line.height_m).clamp(-LARGEST_HEIGHT_ERROR_M, LARGEST_HEIGHT_ERROR_M)
+        let above_line = parameters.base_height_m + self.line.height_m;
+        let lack = 0.5 * (self.lack.fore_m + self.lack.hind_m);
+        let error = if lack > 0.0 { above_line.max(lack) } else { above_line };
+        error.clamp(-LARGEST_HEIGHT_ERROR_M, LARGEST_HEIGHT_ERROR_M)
     }
+}
+
+/// How near the base is to the ground below it and before it.
+fn lack(ground: &Ground<'_>, pitch: f64, hip_x_m: f64, parameters: &Parameters) -> Lack {
+    let p = parameters;
+    let slope = libm::tan(pitch.clamp(-1.0, 1.0));
+    let mut found = Lack { length_m: hip_x_m, ..Lack::default() };
+    let ahead_m = hip_x_m + p.belly_ahead_m;
+    let probes = ((hip_x_m + ahead_m) / BELLY_PROBE_M).ceil() as i32;
+    for probe in 0..=probes {
+        let x = f64::from(probe) * BELLY_PROBE_M - hip_x_m;
+        for y in [-BELLY_HALF_WIDTH_M, 0.0, BELLY_HALF_WIDTH_M] {
+            let lack_m = ground.height_m(x, y) + p.belly_m + slope * x;
+            let half = if x > 0.0 { &mut found.fore_m } else { &mut found.hind_m };
+            *half = half.max(lack_m);
+        }
+    }
+    found
 }
 
 /// Roll and pitch, rad, from the direction of gravity.

@@ -5,8 +5,6 @@ use crate::{ground::Ground, parameters::Parameters};
 /// Height difference between neighbouring points that counts as an edge. Above what ±2 cm of sensor
 /// noise makes of flat ground.
 const EDGE_M: f64 = 0.05;
-/// Distance kept from a riser behind the heel.
-const HEEL_MARGIN_M: f64 = 0.05;
 const STEP_M: f64 = 0.02;
 const PROBE_M: f64 = 0.02;
 /// Distances in the cost are counted in this length.
@@ -23,6 +21,7 @@ const UNIT_M: f64 = 0.1;
 pub(crate) fn choose(
     ground: &Ground<'_>,
     parameters: &Parameters,
+    fore: bool,
     nominal: [f64; 2],
     previous: Option<[f64; 2]>,
 ) -> [f64; 2] {
@@ -37,7 +36,7 @@ pub(crate) fn choose(
                 cost += parameters.keep_weight * squared(point, previous);
             }
             if cost < lowest {
-                cost += parameters.edge_weight * edges(ground, parameters, point);
+                cost += parameters.edge_weight * edges(ground, parameters, fore, point);
             }
             if cost < lowest {
                 lowest = cost;
@@ -52,18 +51,24 @@ fn squared(a: [f64; 2], b: [f64; 2]) -> f64 {
     ((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1])) / (UNIT_M * UNIT_M)
 }
 
-fn edges(ground: &Ground<'_>, parameters: &Parameters, [x, y]: [f64; 2]) -> f64 {
+fn edges(ground: &Ground<'_>, parameters: &Parameters, fore: bool, [x, y]: [f64; 2]) -> f64 {
+    let p = parameters;
+    let (riser_margin_m, heel_margin_m) = if fore {
+        (p.riser_margin_m, p.heel_margin_m)
+    } else {
+        (p.hind_riser_margin_m, p.hind_heel_margin_m)
+    };
     let height = ground.height_m(x, y);
     let drop = |dx: f64, dy: f64| {
-        nearest(parameters.drop_margin_m, |d| ground.height_m(x + dx * d, y + dy * d) < height - EDGE_M)
+        nearest(p.drop_margin_m, |d| ground.height_m(x + dx * d, y + dy * d) < height - EDGE_M)
     };
     let riser = |dx: f64, margin: f64| nearest(margin, |d| ground.height_m(x + dx * d, y) > height + EDGE_M);
     drop(1.0, 0.0)
         + drop(-1.0, 0.0)
         + drop(0.0, 1.0)
         + drop(0.0, -1.0)
-        + riser(1.0, parameters.riser_margin_m)
-        + riser(-1.0, HEEL_MARGIN_M)
+        + riser(1.0, riser_margin_m)
+        + riser(-1.0, heel_margin_m)
 }
 
 /// 1 for an edge at the point itself, falling to 0 at `margin`.
@@ -96,7 +101,7 @@ mod tests {
     fn flat_ground_keeps_the_nominal_foothold() {
         let heights = stairs(9.0, 0.0);
         let ground = Ground::new(&heights, 0.0).unwrap();
-        let [x, y] = choose(&ground, &Parameters::default(), [0.4, 0.2], None);
+        let [x, y] = choose(&ground, &Parameters::default(), true, [0.4, 0.2], None);
         assert!((x - 0.4).abs() < 1e-9 && (y - 0.2).abs() < 1e-9, "{x} {y}");
     }
 
@@ -104,9 +109,9 @@ mod tests {
     fn a_foothold_moves_away_from_a_riser_and_from_a_drop() {
         let heights = stairs(0.45, 0.2);
         let ground = Ground::new(&heights, 0.0).unwrap();
-        let before = choose(&ground, &Parameters::default(), [0.40, 0.2], None);
+        let before = choose(&ground, &Parameters::default(), true, [0.40, 0.2], None);
         assert!(before[0] < 0.39, "{before:?}");
-        let after = choose(&ground, &Parameters::default(), [0.50, 0.2], None);
+        let after = choose(&ground, &Parameters::default(), true, [0.50, 0.2], None);
         assert!(after[0] > 0.51, "{after:?}");
     }
 }

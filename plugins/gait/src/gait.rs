@@ -31,6 +31,13 @@ const LOAD_START: f64 = 0.3;
 const LANDING_SHARE: f64 = 0.5;
 /// Ticks without contact after which a standing foot has lost the ground.
 const LOST_TICKS: u32 = 2;
+/// Slowest pace on steep ground, per commanded velocity.
+const SLOWEST_PACE: f64 = 0.6;
+/// Velocity error beyond which the cycle is not quickened further.
+const LARGEST_HURRIED_M_PER_S: f64 = 1.0;
+/// Height and pitch errors at which a robot has risen.
+const RISEN_M: f64 = 0.02;
+const RISEN_RAD: f64 = 0.1;
 /// How far below its foothold a foot looks for the ground, m.
 const SEARCH_DEPTH_M: f64 = 0.12;
 
@@ -58,6 +65,8 @@ pub struct Gait {
     mass_kg: f64,
     base_mass_kg: f64,
     phase: f64,
+    /// Time left to stand on four feet before the first step.
+    rising_s: f64,
     aimed: Vector3<f64>,
     estimate: Estimate,
     states: [LegState; 4],
@@ -88,6 +97,7 @@ impl Skill for Gait {
         })?;
         Ok(Self {
             phase: parameters.initial_phase,
+            rising_s: 0.0,
             parameters,
             legs,
             mass_kg: robot.mass_kg,
@@ -103,6 +113,8 @@ impl Skill for Gait {
         let velocity = state.base_linear_velocity_m_per_s;
         self.aimed = Vector3::new(f64::from(velocity[0]).max(0.0), 0.0, 0.0);
         self.phase = self.phase_of(state);
+        let standing = state.foot_contact.iter().all(|contact| *contact != 0);
+        self.rising_s = if standing { self.parameters.rise_s } else { 0.0 };
         self.estimate = Estimate::of(state);
         let rotation = self.estimate.rotation();
         for index in 0..4 {
@@ -144,8 +156,10 @@ impl Skill for Gait {
                 ),
             )
         })?;
-        let body = self.estimate.update(state, &ground, &self.parameters);
-        self.aim(command);
+        let hip_x_m = self.legs.iter().map(|leg| leg.hip().x).fold(0.0, f64::max);
+        let body = self.estimate.update(state, &ground, hip_x_m, &self.parameters);
+        self.rise(&body);
+        self.aim(command, &body);
         for leg in &mut self.states {
             leg.follow(&body);
         }
@@ -155,11 +169,16 @@ impl Skill for Gait {
             let target = if loads[index] > 0.0 {
                 self.stand(command, &body, foot)
             } else {
-                self.swing(index, command, &body, &ground)
+                self.swing(index, command, &body, &ground, &(body.rotation * foot.position))
             };
             self.drive(index, &body, foot, &target, loads[index] > 0.0, &forces[index], joints);
         }
-        self.phase = fraction(self.phase + TICK_S / self.parameters.period_s);
+        let error = (body.velocity - self.aimed).xy().norm().min(LARGEST_HURRIED_M_PER_S);
+        if self.rising_s > 0.0 {
+            return Ok(());
+        }
+        let quickened = 1.0 + self.parameters.hurry * error;
+        self.phase = fraction(self.phase + quickened * TICK_S / self.parameters.period_s);
         Ok(())
     }
 }
@@ -208,6 +227,9 @@ impl Gait {
     }
 
     fn leg_phase(&self, leg: usize) -> f64 {
+        if self.rising_s > 0.0 {
+            return 0.5 * self.parameters.duty;
+        }
         fraction(self.phase + if self.in_first_pair(leg) { 0.0 } else { 0.5 })
     }
 
@@ -224,12 +246,24 @@ impl Gait {
         }
     }
 
-    fn aim(&mut self, command: &Command) {
+    /// A robot that starts low or tilted first stands up: on two feet the drives can hardly lift it.
+    fn rise(&mut self, body: &Body) {
+        let p = &self.parameters;
+        let tilt_rad = (body.wanted_pitch_rad(p) - body.pitch).abs();
+        let risen = body.height_error_m(p) < RISEN_M && tilt_rad < RISEN_RAD;
+        self.rising_s = if risen { 0.0 } else { (self.rising_s - TICK_S).max(0.0) };
+    }
+
+    fn aim(&mut self, command: &Command, body: &Body) {
+        let p = &self.parameters;
+        let slope = body.line.slope.clamp(-1.0, 1.0);
+        let pace = p.pace + p.uphill_pace * slope.max(0.0) + p.downhill_pace * (-slope).max(0.0);
         let wanted = Vector3::new(
-            f64::from(command.velocity[0]) * self.parameters.pace,
+            f64::from(command.velocity[0]) * pace.max(SLOWEST_PACE),
             f64::from(command.velocity[1]),
             0.0,
         );
+        let wanted = if self.rising_s > 0.0 { Vector3::zeros() } else { wanted };
         let step = self.parameters.acceleration_m_per_s2 * TICK_S;
         self.aimed += (wanted - self.aimed).map(|difference| difference.clamp(-step, step));
     }
@@ -333,8 +367,15 @@ impl Gait {
         attitude(roll, pitch).inverse() * moved
     }
 
-    /// Target of a swinging foot in the base frame.
-    fn swing(&mut self, index: usize, command: &Command, body: &Body, ground: &Ground<'_>) -> Vector3<f64> {
+    /// Target of a swinging foot in the base frame; `place` is where it is, in the yaw-aligned one.
+    fn swing(
+        &mut self,
+        index: usize,
+        command: &Command,
+        body: &Body,
+        ground: &Ground<'_>,
+        place: &Vector3<f64>,
+    ) -> Vector3<f64> {
         let p = &self.parameters;
         let phase = self.leg_phase(index);
         let swing_s = (1.0 - p.duty) * p.period_s;
@@ -346,13 +387,20 @@ impl Gait {
         let state = &self.states[index];
         let chosen = match state.foothold {
             Some(kept) if share > 0.7 => kept,
-            previous => Vector2::from(foothold::choose(ground, p, nominal.into(), previous.map(Into::into))),
+            previous => Vector2::from(foothold::choose(
+                ground,
+                p,
+                leg.hip().x > 0.0,
+                nominal.into(),
+                previous.map(Into::into),
+            )),
         };
         let to = Vector3::new(chosen.x, chosen.y, ground.height_m(chosen.x, chosen.y) + radius);
         let from = state.lifted_at;
         let highest_m = ground.highest_between([from.x, from.y], chosen.into()) + radius;
         let ahead_s = p.swing_damping / p.swing_stiffness + 0.5 * TICK_S;
-        let mut target = Swing { from, to, highest_m }.at(share + ahead_s / swing_s, p);
+        let swing = Swing { from, to, highest_m };
+        let mut target = swing.gated(&swing.at(share + ahead_s / swing_s, p), place, radius, ground, p);
         target.z -= state.searched_m;
         self.states[index].foothold = Some(chosen);
         // Where the body will be by then.

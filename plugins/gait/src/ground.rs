@@ -4,7 +4,7 @@ use vocaloco_plugin_api::TerrainPatch;
 
 /// The patch that the gait asks for: what its legs can reach, and a stride ahead.
 pub(crate) const PATCH: TerrainPatch =
-    TerrainPatch { back_m: 0.96, front_m: 1.08, half_width_m: 0.56, resolution_m: 0.04 };
+    TerrainPatch { back_m: 0.84, front_m: 1.04, half_width_m: 0.48, resolution_m: 0.04 };
 
 /// Half a cell at a time across the whole patch and back.
 const MOST_STEPS: f64 = 256.0;

@@ -48,13 +48,20 @@ macro_rules! parameters {
 parameters! {
     initial_phase: 0.0 in 0.0..=1.0, "1", Linear, "Phase of the gait when the skill becomes active.";
     period_s: 0.48 in 0.36..=0.7, "s", Log, "Duration of one gait cycle.";
+    rise_s: 0.2 in 0.0..=0.8, "s", Linear, "Longest time on four feet at the start, until height and pitch are right.";
     duty: 0.56 in 0.5..=0.7, "1", Linear, "Share of the cycle that a foot is planned to stand.";
+    hurry: 0.0 in 0.0..=1.5, "1", Linear, "Quickening of the cycle per velocity error of 1 m/s.";
     pace: 1.0 in 0.7..=1.3, "1", Linear, "Forward velocity aimed at, per commanded velocity.";
+    uphill_pace: 0.0 in -0.6..=0.3, "1", Linear, "Change of the pace per rise per metre.";
+    downhill_pace: 0.0 in -0.6..=0.3, "1", Linear, "Change of the pace per fall per metre.";
     acceleration_m_per_s2: 1.5 in 0.5..=4.0, "m/s²", Log, "How fast the aimed velocity may change.";
     base_height_m: 0.51 in 0.42..=0.58, "m", Linear, "Base origin above the line fitted to the terrain.";
     fit_half_length_m: 0.36 in 0.25..=0.6, "m", Linear, "Half the length of terrain that the line is fitted to.";
     fit_ahead_m: 0.0 in -0.15..=0.25, "m", Linear, "Centre of that length ahead of the base.";
     pitch_follow: 0.9 in 0.3..=1.2, "1", Linear, "Body pitch per slope of the fitted line.";
+    belly_m: 0.24 in 0.12..=0.42, "m", Linear, "Distance that the base's origin, seen along the base, keeps above the ground under and before it.";
+    belly_ahead_m: 0.15 in 0.0..=0.4, "m", Linear, "How far before the fore hips that ground reaches.";
+    belly_pitch: 0.5 in 0.0..=1.5, "1", Linear, "Share of a want of that distance at one end that is made up by pitching.";
     attitude_share: 0.6 in 0.0..=1.0, "1", Linear, "Share of the attitude error put into the stance legs' targets.";
     height_share: 0.4 in 0.0..=1.0, "1", Linear, "Share of the height error put into the stance legs' targets.";
     stance_stiffness: 90.0 in 30.0..=200.0, "N·m/rad", Log, "Stiffness of a standing leg.";
@@ -78,7 +85,10 @@ parameters! {
     width_offset_m: -0.03 in -0.12..=0.06, "m", Linear, "Footholds outward of their hips.";
     slope_shift: 0.5 in -0.5..=1.5, "1", Linear, "Footholds moved downhill, per slope and base height.";
     drop_margin_m: 0.06 in 0.0..=0.12, "m", Linear, "Distance kept from an edge that drops.";
-    riser_margin_m: 0.12 in 0.0..=0.2, "m", Linear, "Distance kept from a riser ahead.";
+    riser_margin_m: 0.12 in 0.0..=0.2, "m", Linear, "Distance that fore feet keep from a riser ahead.";
+    hind_riser_margin_m: 0.12 in 0.0..=0.2, "m", Linear, "Distance that hind feet keep from a riser ahead.";
+    heel_margin_m: 0.05 in 0.0..=0.16, "m", Linear, "Distance that fore feet keep from a riser behind.";
+    hind_heel_margin_m: 0.05 in 0.0..=0.16, "m", Linear, "Distance that hind feet keep from a riser behind.";
     edge_weight: 3.0 in 0.3..=30.0, "1", Log, "How much a margin counts against leaving the nominal foothold.";
     search_m: 0.16 in 0.04..=0.28, "m", Linear, "How far the foothold may move from the nominal one.";
     keep_weight: 0.3 in 0.02..=3.0, "1", Log, "How much the foothold sticks to the one chosen before.";
@@ -87,6 +97,8 @@ parameters! {
     lower_share: 0.3 in 0.1..=0.5, "1", Linear, "Share of the swing in which the foot descends.";
     travel_start: 0.1 in 0.0..=0.4, "1", Linear, "Share of the swing after which the foot travels.";
     travel_end: 0.85 in 0.6..=1.0, "1", Linear, "Share of the swing at which the foot is above its foothold.";
+    gate_m: 0.02 in -0.03..=0.08, "m", Linear, "How far a swinging foot must be above ground ahead of it to travel on.";
+    line_trust: 1.0 in 0.1..=1.0, "1", Log, "Share of each fitted line of the terrain that enters the estimate.";
     press_m: 0.02 in 0.0..=0.06, "m", Linear, "Depth below the ground that a landing foot aims at.";
     search_speed_m_per_s: 0.5 in 0.1..=1.2, "m/s", Log, "Speed at which a foot that missed the ground goes on down.";
     attitude_trust: 0.3 in 0.05..=1.0, "1", Log, "Share of each measured attitude that corrects the integrated one.";

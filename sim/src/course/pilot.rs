@@ -13,8 +13,9 @@ use vocaloco_plugin_api::{Command, Description, TerrainPatch};
 
 use super::{CourseConfig, CourseError};
 use crate::{
-    driver::{DECIMATION, Driver, SensorNoise, TICK_S},
+    driver::{DECIMATION, Driver, TICK_S},
     plant::{Measurement, Plant},
+    sensing::Sensors,
     stream::{stream, uniform},
     terrain::{Terrain, Vantage},
 };
@@ -70,9 +71,8 @@ pub struct SelectorPilot<'a> {
     plant: &'a mut Plant,
     terrain: &'a Terrain,
     runtime: &'a mut Runtime,
-    noise: SensorNoise,
     field_noise_m: f32,
-    sensors: ChaCha8Rng,
+    sensors: Sensors,
     field: ChaCha8Rng,
     ticks: u64,
 }
@@ -89,9 +89,8 @@ impl<'a> SelectorPilot<'a> {
             plant,
             terrain,
             runtime,
-            noise: config.noise,
             field_noise_m: config.field_noise_m,
-            sensors: stream(config.seed, "course_sensors", &[config.rollout]),
+            sensors: Sensors::new(config.noise, stream(config.seed, "course_sensors", &[config.rollout])),
             field: stream(config.seed, "course_field", &[config.rollout]),
             ticks: 0,
         }
@@ -100,36 +99,22 @@ impl<'a> SelectorPilot<'a> {
     fn observe(&mut self, command: &Command) -> Observation {
         let t_s = self.ticks as f64 * TICK_S;
         let measured = self.plant.measure();
-        let (noise, rng) = (&self.noise, &mut self.sensors);
-        let mut noisy = |value: f32, half_width: f32| value + uniform(rng, -half_width, half_width);
         let from = Vantage { position_m: measured.base.position_m, yaw_rad: measured.base.yaw() };
         let mut elevation = self.terrain.elevation(&from, &MAP, t_s);
+        self.sensors.measure(measured);
+        blur(&mut elevation, |height| self.sensors.height_m(height));
+        let readings = self.sensors.readings();
         Observation {
             t_s,
-            joint_position_rad: measured
-                .joint_position_rad
-                .iter()
-                .map(|value| noisy(*value, noise.joint_position_rad))
-                .collect(),
-            joint_velocity_rad_per_s: measured
-                .joint_velocity_rad_per_s
-                .iter()
-                .map(|value| noisy(*value, noise.joint_velocity_rad_per_s))
-                .collect(),
-            joint_torque_nm: Some(measured.joint_torque_nm.clone()),
+            joint_position_rad: readings.joint_position_rad.clone(),
+            joint_velocity_rad_per_s: readings.joint_velocity_rad_per_s.clone(),
+            joint_torque_nm: Some(readings.joint_torque_nm.clone()),
             foot_contact: Some(measured.foot_contact.clone()),
-            base_linear_velocity: measured
-                .base_linear_velocity
-                .map(|value| noisy(value, noise.linear_velocity_m_per_s)),
-            base_angular_velocity: measured
-                .base_angular_velocity
-                .map(|value| noisy(value, noise.angular_velocity_rad_per_s)),
-            projected_gravity: measured.projected_gravity.map(|value| noisy(value, noise.gravity)),
+            base_linear_velocity: readings.base_linear_velocity_m_per_s,
+            base_angular_velocity: readings.base_angular_velocity_rad_per_s,
+            projected_gravity: readings.projected_gravity,
             base_in_odom: None,
-            elevation: {
-                blur(&mut elevation, |height| noisy(height, noise.patch_m));
-                Some(elevation)
-            },
+            elevation: Some(elevation),
             command: *command,
             field_noise: (self.field_noise_m > 0.0).then(|| self.field_noise()),
         }

@@ -33,7 +33,7 @@ impl CourseStage {
         let mut rng = stream(config.seed, "course_spawn", &[config.rollout]);
         Spawner::new(robot, config.spawn).settle(&mut plant, &terrain, &mut rng)?;
         if config.varied {
-            let chance = Chance::draw(config.seed, config.rollout, &Perturbations::all(), config.noise);
+            let chance = Chance::draw(config.seed, config.rollout, &Perturbations::protocol(), config.noise);
             plant.vary(&chance.variation);
         }
         Ok(Self { terrain, plant })

@@ -391,3 +391,53 @@ fn no_leg_reaches_the_base_or_a_leg_across_within_its_ranges() {
         assert!(touching < 18, "leg {leg} touches something in {touching} of 350 poses");
     }
 }
+
+#[test]
+fn a_snapshot_takes_another_plant_to_its_own_terrain() {
+    let robot = robot();
+    let stairs = Terrain::tile(TerrainKind::StairsUp, 0.2, 1);
+    let mut climber = Plant::new(&robot, &stairs, PlantKind::Reference);
+    climber.place(
+        &BasePose::from_yaw([6.0, 0.0, stairs.height_m(6.0, 0.0) + 0.6], 0.0),
+        &robot.stand_position_rad(),
+    );
+    let snapshot = climber.snapshot();
+    let mut guest = Plant::new(&robot, &flat(), PlantKind::Fast);
+    guest.restore(&snapshot);
+    let mut fresh = Plant::from_snapshot(&snapshot);
+    for _ in 0..100 {
+        for plant in [&mut climber, &mut guest, &mut fresh] {
+            plant.step(&stand(&robot));
+        }
+    }
+    assert_eq!(climber.measure(), guest.measure());
+    assert_eq!(climber.measure(), fresh.measure());
+    guest.place(&BasePose::from_yaw([6.0, 0.0, 5.0], 0.0), &robot.stand_position_rad());
+    climber.place(&BasePose::from_yaw([6.0, 0.0, 5.0], 0.0), &robot.stand_position_rad());
+    assert_eq!(climber.measure(), guest.measure());
+}
+
+#[test]
+fn a_foot_that_is_pushed_against_a_riser_stumbles_and_one_that_stands_does_not() {
+    let robot = robot();
+    // The riser is at x = 1.8 m.
+    let terrain = Terrain::tile(TerrainKind::Wall, 0.3, 1);
+    let mut plant = Plant::new(&robot, &terrain, PlantKind::Reference);
+    let height_m = robot.description.stand_height_m as f32;
+    plant.place(&BasePose::from_yaw([1.22, 0.0, height_m], 0.0), &robot.stand_position_rad());
+    for _ in 0..100 {
+        plant.step(&stand(&robot));
+    }
+    assert_eq!(plant.measure().foot_contact, [true; 4]);
+    assert_eq!(plant.measure().foot_stumble, [false; 4]);
+    plant.vary(&Variation { friction: 0.1, ..Variation::default() });
+    plant.push([1.0, 0.0, 0.0]);
+    let mut stumbled = [false; 4];
+    for _ in 0..100 {
+        plant.step(&stand(&robot));
+        for (ever, now) in stumbled.iter_mut().zip(&plant.measure().foot_stumble) {
+            *ever |= now;
+        }
+    }
+    assert_eq!(stumbled, [true, true, false, false], "the front feet meet the riser");
+}

@@ -5,7 +5,7 @@ mod chance;
 mod motion;
 mod skill;
 
-pub use chance::{Chance, Perturbation, Perturbations};
+pub use chance::{Chance, Perturbation, Perturbations, Push};
 pub use motion::{Histogram, Motion};
 pub use skill::{RolledSkill, SkillRefused};
 
@@ -15,6 +15,7 @@ use vocaloco_plugin_api::Command;
 use crate::{
     angle::wrapped_rad,
     driver::{Driver, TICK_S},
+    physics::Physics,
     plant::{BasePose, GRAVITY_M_PER_S2, Plant},
     spawn::Spawn,
     terrain::Terrain,
@@ -119,6 +120,12 @@ pub struct Trial<'a> {
 
 impl Trial<'_> {
     /// Rolls the skill out on the plant that the pose was settled on.
+    pub fn roll_out(&self, plant: &mut Plant, chance: &Chance) -> Rollout {
+        plant.restore(&self.spawn.snapshot);
+        self.roll_on(plant, chance)
+    }
+
+    /// Rolls the skill out on any simulator's plant that stands in the pose.
     ///
     /// ```text
     /// command = (0.6, 0, clip(0.5·(ψ_spawn − ψ), ±1))
@@ -130,8 +137,7 @@ impl Trial<'_> {
     ///
     /// # Source
     /// Wu et al. (2025), eq. 1, with positive power only; METHOD, sections 1 and 3.
-    pub fn roll_out(&self, plant: &mut Plant, chance: &Chance) -> Rollout {
-        plant.restore(&self.spawn.snapshot);
+    pub fn roll_on<P: Physics>(&self, plant: &mut P, chance: &Chance) -> Rollout {
         plant.vary(&chance.variation);
         let path = Path::from(&self.spawn.base);
         let mut motion = Motion::new(plant.robot().drive.velocity_limit_rad_per_s);
@@ -140,8 +146,9 @@ impl Trial<'_> {
         };
         let description = self.skill.description();
         let mut driver =
-            Driver::new(plant, self.terrain, &mut instance, description, chance.noise, chance.noise_stream());
-        let end = self.drive(&mut driver, &path, &mut motion);
+            Driver::new(plant, self.terrain, &mut instance, description, chance.noise, chance.noise_stream())
+                .late_by(chance.latency_ticks);
+        let end = self.drive(&mut driver, &path, chance.push, &mut motion);
         let [distance_m, _] = path.displacement_m(&plant.measure().base);
         let cot = |work_j: f64| {
             let counted_m = distance_m - end.counted_from_m?;
@@ -159,7 +166,13 @@ impl Trial<'_> {
     }
 
     /// Ticks until the outcome is decided.
-    fn drive(&self, driver: &mut Driver<'_>, path: &Path, motion: &mut Motion) -> End {
+    fn drive<P: Physics>(
+        &self,
+        driver: &mut Driver<'_, P>,
+        path: &Path,
+        push: Option<Push>,
+        motion: &mut Motion,
+    ) -> End {
         let rules = self.rules;
         let ticks = (rules.time_limit_s / TICK_S).round() as usize;
         let counted_from_tick = (rules.cot_from_s / TICK_S).round() as usize;
@@ -173,6 +186,9 @@ impl Trial<'_> {
             if tick == counted_from_tick {
                 counted_from_m = Some(path.displacement_m(&base)[0]);
                 driver.plant.reset_work();
+            }
+            if let Some(push) = push.filter(|push| push.tick == tick) {
+                driver.plant.push(push.velocity_in_world);
             }
             let mut base_contact = false;
             let ticked = driver.tick(&path.command(&base, rules), |plant| {
@@ -220,7 +236,7 @@ impl Rollout {
 
 /// The straight line ahead of a spawn.
 #[derive(Clone, Copy, Debug)]
-struct Path {
+pub(crate) struct Path {
     start_m: [f64; 2],
     yaw_rad: f32,
     cos_sin: [f64; 2],
@@ -239,16 +255,22 @@ impl From<&BasePose> for Path {
 
 impl Path {
     /// Displacement ahead and to the left, m.
-    fn displacement_m(&self, base: &BasePose) -> [f64; 2] {
+    pub(crate) fn displacement_m(&self, base: &BasePose) -> [f64; 2] {
         let dx = f64::from(base.position_m[0]) - self.start_m[0];
         let dy = f64::from(base.position_m[1]) - self.start_m[1];
         let [cos, sin] = self.cos_sin;
         [cos * dx + sin * dy, cos * dy - sin * dx]
     }
 
-    fn command(&self, base: &BasePose, rules: &RolloutRules) -> Command {
-        let error_rad = wrapped_rad(self.yaw_rad - base.yaw());
-        Command::velocity(rules.forward_m_per_s, 0.0, (rules.steering_per_s * error_rad).clamp(-1.0, 1.0))
+    /// Turn to the left that the path asks for, −π to π.
+    pub(crate) fn heading_error_rad(&self, base: &BasePose) -> f32 {
+        wrapped_rad(self.yaw_rad - base.yaw())
+    }
+
+    /// Ahead at the commanded velocity, steering back to the path's direction.
+    pub(crate) fn command(&self, base: &BasePose, rules: &RolloutRules) -> Command {
+        let yaw_rate = (rules.steering_per_s * self.heading_error_rad(base)).clamp(-1.0, 1.0);
+        Command::velocity(rules.forward_m_per_s, 0.0, yaw_rate)
     }
 }
 

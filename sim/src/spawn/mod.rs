@@ -57,6 +57,8 @@ pub struct Spawn {
     pub base: BasePose,
     /// The plant at that moment; every rollout of the pose starts from it.
     pub snapshot: Snapshot,
+    /// What holds every joint where it stands.
+    pub targets: Vec<JointTarget>,
     /// The true field around the settled base.
     pub heightfield: Heightfield,
     /// Poses drawn until one was valid, this one included.
@@ -110,11 +112,12 @@ impl Spawner {
     ) -> Result<Spawn, NoValidPose> {
         plant.vary(&Variation::default());
         for attempt in 1..=ATTEMPTS {
-            let Some(base) = self.attempt(plant, terrain, rng) else { continue };
+            let Some((base, targets)) = self.attempt(plant, terrain, rng) else { continue };
             let from = Vantage { position_m: base.position_m, yaw_rad: base.yaw() };
             return Ok(Spawn {
                 base,
                 snapshot: plant.snapshot(),
+                targets,
                 heightfield: terrain.heightfield(&from),
                 attempts: attempt,
             });
@@ -122,7 +125,12 @@ impl Spawner {
         Err(NoValidPose { kind: terrain.kind.clone(), size_m: terrain.size_m.to_string() })
     }
 
-    fn attempt(&self, plant: &mut Plant, terrain: &Terrain, rng: &mut ChaCha8Rng) -> Option<BasePose> {
+    fn attempt(
+        &self,
+        plant: &mut Plant,
+        terrain: &Terrain,
+        rng: &mut ChaCha8Rng,
+    ) -> Option<(BasePose, Vec<JointTarget>)> {
         let x_m = uniform(rng, terrain.spawn_min_m[0], terrain.spawn_max_m[0]);
         let y_m = uniform(rng, terrain.spawn_min_m[1], terrain.spawn_max_m[1]);
         let yaw_rad = self.draw_yaw_rad(terrain, rng);
@@ -145,7 +153,7 @@ impl Spawner {
         let turned_rad = wrapped_rad(settled.yaw() - yaw_rad).abs();
         // Phrased as "is inside", so that a pose of NaN is not valid.
         let valid = moved_m <= self.rules.position_tolerance_m && turned_rad <= self.rules.yaw_tolerance_rad;
-        valid.then_some(settled)
+        valid.then_some((settled, targets))
     }
 
     fn draw_yaw_rad(&self, terrain: &Terrain, rng: &mut ChaCha8Rng) -> f32 {

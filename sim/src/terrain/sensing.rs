@@ -50,11 +50,12 @@ impl Terrain {
     /// patch has points.
     pub fn patch(&self, from: &Vantage, patch: &TerrainPatch, out: &mut [f32]) {
         let turn = from.cos_sin();
-        let columns = patch.columns();
-        for (k, height) in out.iter_mut().take(patch.rows() * columns).enumerate() {
-            let x_m = (k / columns) as f64 * patch.resolution_m - patch.back_m;
-            let y_m = patch.half_width_m - (k % columns) as f64 * patch.resolution_m;
-            *height = from.height_m(self, turn, x_m as f32, y_m as f32);
+        for (row, heights) in out.chunks_mut(patch.columns()).take(patch.rows()).enumerate() {
+            let x_m = row as f64 * patch.resolution_m - patch.back_m;
+            for (column, height) in heights.iter_mut().enumerate() {
+                let y_m = patch.half_width_m - column as f64 * patch.resolution_m;
+                *height = from.height_m(self, turn, x_m as f32, y_m as f32);
+            }
         }
     }
 

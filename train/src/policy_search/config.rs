@@ -26,6 +26,9 @@ pub(super) struct SearchConfig {
     pub(super) time_limit_s: f64,
     /// Forward velocity commanded, m/s.
     pub(super) forward_m_per_s: f32,
+    /// Share of the episodes with every perturbation on, pushes, latency and motor strength included;
+    /// the others have the collection protocol's.
+    pub(super) disturbed_share: f32,
     /// Episodes, fresh to the search, that the result is judged by.
     pub(super) final_episodes: usize,
     /// What counts.
@@ -50,6 +53,8 @@ pub(super) struct Objective {
     pub(super) cost_of_transport: f64,
     /// Mean speed, start included, short of the commanded one, as a share of it.
     pub(super) slowness: f64,
+    /// Mean speed beyond the commanded one, as a share of it: a robot that runs away down stairs.
+    pub(super) haste: f64,
     /// Share of time in which thigh, hip or shank touches something.
     pub(super) limb_contact: f64,
     /// Share of joint samples beyond the drive's speed limit.
@@ -96,6 +101,7 @@ impl SearchConfig {
             ("initial_step", self.initial_step, 0.001, 1.0),
             ("horizon_m", self.horizon_m, 0.5, 3.0),
             ("time_limit_s", self.time_limit_s, 1.0, 30.0),
+            ("disturbed_share", f64::from(self.disturbed_share), 0.0, 1.0),
             ("forward_m_per_s", f64::from(self.forward_m_per_s), 0.1, 1.5),
         ] {
             ensure!((low..=high).contains(&found), "{field}: found {found}, wanted {low} to {high}");

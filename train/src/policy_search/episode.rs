@@ -109,12 +109,10 @@ impl Episode {
         let terrain = Terrain::tile(mix.kind, size_m, derived_seed(seed, "terrain", &[row]));
         let mut plant = Plant::new(robot, &terrain, plant);
         let spawn = spawner.settle(&mut plant, &terrain, &mut rng).ok()?;
-        let chance = Chance::draw(
-            derived_seed(seed, "chance", &[row]),
-            0,
-            &Perturbations::all(),
-            SensorNoise::default(),
-        );
+        let disturbed = uniform(&mut rng, 0.0, 1.0) < config.disturbed_share;
+        let perturbations = if disturbed { Perturbations::all() } else { Perturbations::protocol() };
+        let seed = derived_seed(seed, "chance", &[row]);
+        let chance = Chance::draw(seed, 0, &perturbations, SensorNoise::default());
         Some(Self { terrain, spawn, chance })
     }
 
@@ -140,17 +138,19 @@ impl Episode {
 /// An episode's cost:
 ///
 /// ```text
-/// (1 − d/horizon) + failure·[not reached] + w_cot·CoT + w_slow·(1 − v/v_cmd) + w_limb·share + w_speed·share
+/// (1 − d/horizon) + failure·[not reached] + w_cot·CoT + w_slow·max(0, 1 − v/v_cmd)
+///     + w_haste·max(0, v/v_cmd − 1) + w_limb·share + w_speed·share
 /// ```
 fn cost(rollout: &Rollout, weights: &Objective, config: &SearchConfig) -> f64 {
     let reached = rollout.outcome == Outcome::Reached;
     let made = (rollout.distance_m / config.horizon_m).clamp(0.0, 1.0);
-    let slow = (1.0 - speed_m_per_s(rollout) / f64::from(config.forward_m_per_s)).clamp(0.0, 1.0);
+    let short = 1.0 - speed_m_per_s(rollout) / f64::from(config.forward_m_per_s);
     let cot = rollout.cot_positive.unwrap_or(LARGEST_COT).clamp(0.0, LARGEST_COT);
     (1.0 - made)
         + if reached { 0.0 } else { weights.failure }
         + weights.cost_of_transport * cot
-        + weights.slowness * slow
+        + weights.slowness * short.clamp(0.0, 1.0)
+        + weights.haste * (-short).clamp(0.0, 1.0)
         + weights.limb_contact * rollout.motion.nonfoot_contact_share()
         + weights.joint_overspeed * rollout.motion.speed_over_limit_share()
 }

@@ -1,6 +1,7 @@
 //! `evaluate viability`: how often a skill passes the horizon, by terrain and size.
 
 use anyhow::ensure;
+use indicatif::ProgressBar;
 use serde::Serialize;
 use vocaloco_sim::{
     collect::CollectConfig,
@@ -25,16 +26,16 @@ use crate::{
 pub(crate) struct Args {
     /// Skill to measure; it needs no predictors
     #[arg(long)]
-    skill: String,
+    pub(super) skill: String,
     /// flat, rough, slope, discrete, `stairs_up`, `stairs_down`, wall or gap
     #[arg(long, value_parser = parse_terrain)]
-    terrain: TerrainKind,
+    pub(super) terrain: TerrainKind,
     /// Sizes, m: step or obstacle height, gap width, roughness; rise per metre of a slope
     #[arg(long, value_delimiter = ',', default_value = "0", value_name = "LIST")]
-    size_m: Vec<f32>,
+    pub(super) size_m: Vec<f32>,
     /// Fresh poses for each size, one rollout each
     #[arg(long, default_value_t = 200, value_name = "N")]
-    samples: u64,
+    pub(super) samples: u64,
     /// Distance to cover, m; by default the skill's own, 1.5 unless its manifest says otherwise
     #[arg(long, value_name = "M")]
     horizon_m: Option<f64>,
@@ -44,8 +45,9 @@ pub(crate) struct Args {
     /// Yaw about the terrain's direction, ± radians; any yaw on undirected terrain
     #[arg(long, default_value_t = 0.3, value_name = "RAD")]
     yaw_rad: f32,
-    /// What is drawn for each rollout: all, none, or a list of noise, friction, mass, phase
-    #[arg(long, default_value = "all", value_name = "LIST", value_parser = parse_perturb)]
+    /// What is drawn for each rollout: protocol (noise, friction, mass, phase), all (these and push,
+    /// latency, motor), none, or a list
+    #[arg(long, default_value = "protocol", value_name = "LIST", value_parser = parse_perturb)]
     perturb: Perturbations,
     /// Plant to roll out on
     #[arg(long, value_enum, default_value_t = Plant::Reference)]
@@ -55,12 +57,12 @@ pub(crate) struct Args {
     patch_noise_m: f32,
     /// Threads; 0 for as many as there are processors
     #[arg(long, default_value_t = 0, value_name = "N")]
-    threads: usize,
+    pub(super) threads: usize,
     /// Robot to roll out
     #[arg(long, default_value = "anymal_d")]
     robot: String,
     #[command(flatten)]
-    shared: Shared,
+    pub(super) shared: Shared,
 }
 
 pub(super) fn parse_terrain(text: &str) -> Result<TerrainKind, String> {
@@ -70,32 +72,14 @@ pub(super) fn parse_terrain(text: &str) -> Result<TerrainKind, String> {
 
 fn parse_perturb(text: &str) -> Result<Perturbations, String> {
     Perturbations::parse(text)
-        .ok_or_else(|| format!("found {text:?}, wanted all, none, or a list of noise, friction, mass, phase"))
+        .ok_or_else(|| format!("found {text:?}, wanted protocol, all, none, or a list of noise, friction, mass, phase, push, latency, motor"))
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
-    ensure!(args.samples > 0, "--samples: found 0, wanted 1 or more");
-    ensure!((0.0..=3.15).contains(&args.yaw_rad), "--yaw-rad: found {}, wanted 0 to 3.14", args.yaw_rad);
-    let noise_m = args.patch_noise_m;
-    ensure!((0.0..=1.0).contains(&noise_m), "--patch-noise-m: found {noise_m}, wanted 0 to 1");
-    for size_m in &args.size_m {
-        ensure!((0.0..=2.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 2");
-    }
-    let rolled = Rolled::load(&args.robot, &args.skill)?;
-    let rules = rules(args, &rolled)?;
-    let bar = progress::bar(
-        &format!("{} on {}", args.skill, args.terrain),
-        args.samples * args.size_m.len() as u64,
-    );
+    let (rolled, rules) = args.prepare()?;
+    let bar = args.bar(&args.skill);
     let rows = args.size_m.iter().map(|size_m| {
-        let query = Query {
-            rules,
-            spawn: SpawnRules { yaw_rad: args.yaw_rad, any_yaw_share: 0.0, ..SpawnRules::default() },
-            perturb: args.perturb.clone(),
-            patch_noise_m: args.patch_noise_m,
-            plant: args.plant.into(),
-            ..Query::new(args.terrain, *size_m, args.samples, args.shared.seed)
-        };
+        let query = args.query(*size_m, rules);
         let samples =
             with_threads(args.threads, || sample(&rolled.robot, &rolled.skill, &query, &|| bar.inc(1)))??;
         Ok(summarise(&rolled.skill, &query, &samples))
@@ -104,6 +88,63 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     bar.finish_and_clear();
     report(args, &rules, &rows?)?;
     Ok(Exit::Fine)
+}
+
+impl Args {
+    /// Checks what clap cannot, and loads robot and skill.
+    pub(super) fn prepare(&self) -> anyhow::Result<(Rolled, RolloutRules)> {
+        ensure!(self.samples > 0, "--samples: found 0, wanted 1 or more");
+        ensure!((0.0..=3.15).contains(&self.yaw_rad), "--yaw-rad: found {}, wanted 0 to 3.14", self.yaw_rad);
+        let noise_m = self.patch_noise_m;
+        ensure!((0.0..=1.0).contains(&noise_m), "--patch-noise-m: found {noise_m}, wanted 0 to 1");
+        for size_m in &self.size_m {
+            ensure!((0.0..=2.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 2");
+        }
+        let rolled = Rolled::load(&self.robot, &self.skill)?;
+        let rules = rules(self, &rolled)?;
+        Ok((rolled, rules))
+    }
+
+    /// What is asked at one size.
+    pub(super) fn query(&self, size_m: f32, rules: RolloutRules) -> Query {
+        Query {
+            rules,
+            spawn: SpawnRules { yaw_rad: self.yaw_rad, any_yaw_share: 0.0, ..SpawnRules::default() },
+            perturb: self.perturb.clone(),
+            patch_noise_m: self.patch_noise_m,
+            plant: self.plant.into(),
+            ..Query::new(self.terrain, size_m, self.samples, self.shared.seed)
+        }
+    }
+
+    /// Over all poses of all sizes.
+    pub(super) fn bar(&self, what: &str) -> ProgressBar {
+        progress::bar(&format!("{what} on {}", self.terrain), self.samples * self.size_m.len() as u64)
+    }
+
+    /// The command that repeats the table, on any number of threads.
+    pub(super) fn command(&self, experiment: &str, rules: &RolloutRules) -> String {
+        let sizes: Vec<String> = self.size_m.iter().map(ToString::to_string).collect();
+        format!(
+            "vocaloco evaluate {experiment} --skill {} --terrain {} --size-m {} --samples {} --horizon-m {} \
+             --time-limit-s {} --yaw-rad {} --perturb {} --plant {} --patch-noise-m {} --robot {} --seed {}",
+            self.skill,
+            self.terrain,
+            sizes.join(","),
+            self.samples,
+            rules.horizon_m,
+            rules.time_limit_s,
+            self.yaw_rad,
+            self.perturb,
+            match self.plant {
+                Plant::Reference => "reference",
+                Plant::Fast => "fast",
+            },
+            self.patch_noise_m,
+            self.robot,
+            self.shared.seed
+        )
+    }
 }
 
 fn rules(args: &Args, rolled: &Rolled) -> anyhow::Result<RolloutRules> {
@@ -125,7 +166,7 @@ struct Report<'a> {
 }
 
 fn report(args: &Args, rules: &RolloutRules, rows: &[ViabilityRow]) -> anyhow::Result<()> {
-    let command = command(args, rules);
+    let command = args.command("viability", rules);
     if args.shared.json {
         let seed = args.shared.seed;
         return Ok(output::json(&Report { command, seed, version: env!("CARGO_PKG_VERSION"), rows })?);
@@ -148,28 +189,4 @@ fn report(args: &Args, rules: &RolloutRules, rows: &[ViabilityRow]) -> anyhow::R
     }
     output::line(&command)?;
     Ok(())
-}
-
-/// The command that repeats the table, on any number of threads.
-fn command(args: &Args, rules: &RolloutRules) -> String {
-    let sizes: Vec<String> = args.size_m.iter().map(ToString::to_string).collect();
-    format!(
-        "vocaloco evaluate viability --skill {} --terrain {} --size-m {} --samples {} --horizon-m {} \
-         --time-limit-s {} --yaw-rad {} --perturb {} --plant {} --patch-noise-m {} --robot {} --seed {}",
-        args.skill,
-        args.terrain,
-        sizes.join(","),
-        args.samples,
-        rules.horizon_m,
-        rules.time_limit_s,
-        args.yaw_rad,
-        args.perturb,
-        match args.plant {
-            Plant::Reference => "reference",
-            Plant::Fast => "fast",
-        },
-        args.patch_noise_m,
-        args.robot,
-        args.shared.seed
-    )
 }
