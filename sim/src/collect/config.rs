@@ -20,7 +20,6 @@ pub struct CollectConfig {
     /// Rollouts from each pose; 1 for cost of transport.
     pub repeats: u32,
     /// Which plant.
-    #[serde(with = "plant_id")]
     pub plant: PlantKind,
     /// Half-width of the uniform noise on the predictors' field, m.
     pub field_noise_m: f32,
@@ -63,24 +62,5 @@ impl CollectConfig {
     /// Noise on what the plugin measures.
     pub fn sensor_noise(&self) -> SensorNoise {
         SensorNoise { patch_m: self.patch_noise_m, ..SensorNoise::default() }
-    }
-}
-
-mod plant_id {
-    use serde::{Deserialize, Deserializer, Serializer, de::Error};
-
-    use crate::plant::PlantKind;
-
-    #[allow(clippy::trivially_copy_pass_by_ref, reason = "the signature that serde asks for")]
-    pub(super) fn serialize<S: Serializer>(kind: &PlantKind, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.serialize_str(kind.id())
-    }
-
-    pub(super) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<PlantKind, D::Error> {
-        let id = String::deserialize(deserializer)?;
-        [PlantKind::Reference, PlantKind::Fast]
-            .into_iter()
-            .find(|kind| kind.id() == id)
-            .ok_or_else(|| D::Error::custom(format!("plant {id:?}, reference or fast wanted")))
     }
 }

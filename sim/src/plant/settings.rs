@@ -1,7 +1,10 @@
 //! What a plant can be told before it runs.
 
+use serde::{Deserialize, Serialize};
+
 /// Which of the two plants.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum PlantKind {
     /// What reported numbers and certificates use.
     Reference,

@@ -236,7 +236,7 @@ impl Rollout {
 
 /// The straight line ahead of a spawn.
 #[derive(Clone, Copy, Debug)]
-struct Path {
+pub(crate) struct Path {
     start_m: [f64; 2],
     yaw_rad: f32,
     cos_sin: [f64; 2],
@@ -255,16 +255,22 @@ impl From<&BasePose> for Path {
 
 impl Path {
     /// Displacement ahead and to the left, m.
-    fn displacement_m(&self, base: &BasePose) -> [f64; 2] {
+    pub(crate) fn displacement_m(&self, base: &BasePose) -> [f64; 2] {
         let dx = f64::from(base.position_m[0]) - self.start_m[0];
         let dy = f64::from(base.position_m[1]) - self.start_m[1];
         let [cos, sin] = self.cos_sin;
         [cos * dx + sin * dy, cos * dy - sin * dx]
     }
 
-    fn command(&self, base: &BasePose, rules: &RolloutRules) -> Command {
-        let error_rad = wrapped_rad(self.yaw_rad - base.yaw());
-        Command::velocity(rules.forward_m_per_s, 0.0, (rules.steering_per_s * error_rad).clamp(-1.0, 1.0))
+    /// Turn to the left that the path asks for, −π to π.
+    pub(crate) fn heading_error_rad(&self, base: &BasePose) -> f32 {
+        wrapped_rad(self.yaw_rad - base.yaw())
+    }
+
+    /// Ahead at the commanded velocity, steering back to the path's direction.
+    pub(crate) fn command(&self, base: &BasePose, rules: &RolloutRules) -> Command {
+        let yaw_rate = (rules.steering_per_s * self.heading_error_rad(base)).clamp(-1.0, 1.0);
+        Command::velocity(rules.forward_m_per_s, 0.0, yaw_rate)
     }
 }
 

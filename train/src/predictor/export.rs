@@ -1,12 +1,12 @@
-//! A fitted network as an ONNX file: IR version 8, opset 17, the same bytes for the same network.
+//! A fitted network as an ONNX file, the same bytes for the same network.
 //!
 //! `heightfield` f32 `[N, 1, 31, 11]`, metres, centred → `viability` or `cot` f32 `[N, 1]`.
 
-use prost::Message;
 use tract_onnx::pb;
 
 use super::network::{FLAT, TENSORS};
 use super::sgd::Head;
+use crate::onnx::{Graph, Rows, fully_connected, initializer, integer, integers, node, value};
 
 /// What an exported file says of itself, in `metadata_props`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -24,31 +24,24 @@ pub struct Origin {
 /// The file's bytes.
 pub fn onnx(parameters: &[f32], head: Head, origin: &Origin) -> Vec<u8> {
     let output = output_name(head);
-    let model = pb::ModelProto {
-        ir_version: 8,
-        opset_import: vec![pb::OperatorSetIdProto { domain: String::new(), version: 17 }],
-        producer_name: "vocaloco-train".to_owned(),
-        producer_version: env!("CARGO_PKG_VERSION").to_owned(),
-        graph: Some(pb::GraphProto {
-            name: "predictor".to_owned(),
-            node: nodes(head),
-            initializer: TENSORS.iter().map(|tensor| initializer(tensor, parameters)).collect(),
-            input: vec![value("heightfield", &[1, 31, 11])],
-            output: vec![value(output, &[1])],
-            ..Default::default()
-        }),
-        metadata_props: [
-            ("data_sha256", origin.data_sha256.clone()),
-            ("kind", output.to_owned()),
-            ("robot", origin.robot.clone()),
-            ("seed", origin.seed.to_string()),
-            ("skill", origin.skill.clone()),
-        ]
-        .map(|(key, value)| pb::StringStringEntryProto { key: key.to_owned(), value })
-        .to_vec(),
-        ..Default::default()
-    };
-    model.encode_to_vec()
+    let initializers =
+        TENSORS.iter().map(|tensor| initializer(tensor.name, tensor.shape, tensor.of(parameters)));
+    let metadata = [
+        ("data_sha256", origin.data_sha256.clone()),
+        ("kind", output.to_owned()),
+        ("robot", origin.robot.clone()),
+        ("seed", origin.seed.to_string()),
+        ("skill", origin.skill.clone()),
+    ];
+    Graph {
+        name: "predictor",
+        nodes: nodes(head),
+        initializers: initializers.collect(),
+        input: value("heightfield", Rows::Any, &[1, 31, 11]),
+        output: value(output, Rows::Any, &[1]),
+        metadata: metadata.map(|(key, value)| (key.to_owned(), value)).to_vec(),
+    }
+    .encode()
 }
 
 /// The output's name, which is also the kind of data it is fitted to.
@@ -60,10 +53,6 @@ pub fn output_name(head: Head) -> &'static str {
 }
 
 fn nodes(head: Head) -> Vec<pb::NodeProto> {
-    let gemm = |layer: &str, input: &str, output: &str| {
-        let (weight, bias) = (format!("{layer}.weight"), format!("{layer}.bias"));
-        node("Gemm", &[input, &weight, &bias], output, vec![integer("transB", 1)])
-    };
     let mut nodes = vec![
         convolution("conv1", "heightfield"),
         node("Relu", &["conv1"], "relu1", vec![]),
@@ -78,15 +67,15 @@ fn nodes(head: Head) -> Vec<pb::NodeProto> {
         convolution("conv3", "pool"),
         node("Relu", &["conv3"], "relu3", vec![]),
         node("Flatten", &["relu3"], "flat", vec![integer("axis", 1)]),
-        gemm("fc1", "flat", "fc1"),
+        fully_connected("fc1", "flat", "fc1"),
         node("Relu", &["fc1"], "relu4", vec![]),
-        gemm("fc2", "relu4", "fc2"),
+        fully_connected("fc2", "relu4", "fc2"),
         node("Relu", &["fc2"], "relu5", vec![]),
     ];
     match head {
-        Head::Linear => nodes.push(gemm("out", "relu5", output_name(head))),
+        Head::Linear => nodes.push(fully_connected("out", "relu5", output_name(head))),
         Head::Sigmoid => {
-            nodes.push(gemm("out", "relu5", "logit"));
+            nodes.push(fully_connected("out", "relu5", "logit"));
             nodes.push(node("Sigmoid", &["logit"], output_name(head), vec![]));
         }
     }
@@ -100,65 +89,6 @@ fn convolution(layer: &str, input: &str) -> pb::NodeProto {
         integers("strides", &[1, 1]),
     ];
     node("Conv", &[input, &format!("{layer}.weight"), &format!("{layer}.bias")], layer, attributes)
-}
-
-fn node(op: &str, input: &[&str], output: &str, attribute: Vec<pb::AttributeProto>) -> pb::NodeProto {
-    pb::NodeProto {
-        name: format!("node.{output}"),
-        op_type: op.to_owned(),
-        input: input.iter().map(|name| (*name).to_owned()).collect(),
-        output: vec![output.to_owned()],
-        attribute,
-        ..Default::default()
-    }
-}
-
-fn integer(name: &str, value: i64) -> pb::AttributeProto {
-    pb::AttributeProto {
-        name: name.to_owned(),
-        r#type: pb::attribute_proto::AttributeType::Int.into(),
-        i: value,
-        ..Default::default()
-    }
-}
-
-fn integers(name: &str, values: &[i64]) -> pb::AttributeProto {
-    pb::AttributeProto {
-        name: name.to_owned(),
-        r#type: pb::attribute_proto::AttributeType::Ints.into(),
-        ints: values.to_vec(),
-        ..Default::default()
-    }
-}
-
-#[expect(clippy::cast_possible_wrap, reason = "axes of at most 600")]
-fn initializer(tensor: &super::network::Tensor, parameters: &[f32]) -> pb::TensorProto {
-    pb::TensorProto {
-        name: tensor.name.to_owned(),
-        dims: tensor.shape.iter().map(|n| *n as i64).collect(),
-        data_type: pb::tensor_proto::DataType::Float.into(),
-        raw_data: tensor.of(parameters).iter().flat_map(|value| value.to_le_bytes()).collect(),
-        ..Default::default()
-    }
-}
-
-/// A float tensor with a free batch axis `N` in front.
-fn value(name: &str, shape: &[i64]) -> pb::ValueInfoProto {
-    use pb::tensor_shape_proto::{Dimension, dimension::Value};
-    let axes =
-        std::iter::once(Value::DimParam("N".to_owned())).chain(shape.iter().map(|n| Value::DimValue(*n)));
-    let dim = axes.map(|axis| Dimension { value: Some(axis), ..Default::default() }).collect();
-    pb::ValueInfoProto {
-        name: name.to_owned(),
-        r#type: Some(pb::TypeProto {
-            value: Some(pb::type_proto::Value::TensorType(pb::type_proto::Tensor {
-                elem_type: pb::tensor_proto::DataType::Float.into(),
-                shape: Some(pb::TensorShapeProto { dim }),
-            })),
-            ..Default::default()
-        }),
-        ..Default::default()
-    }
 }
 
 const _: () = assert!(FLAT == TENSORS[6].shape[1], "the flattened planes are what fc1 takes");

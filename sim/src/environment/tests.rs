@@ -1,0 +1,243 @@
+use std::{collections::BTreeMap, path::Path as FilePath, sync::OnceLock};
+
+use vocaloco_core::robot::RobotModel;
+use vocaloco_plugin_api::observation::{ObservationTerm, Term};
+
+use super::*;
+use crate::threads::with_threads;
+
+fn robot() -> Arc<RobotModel> {
+    let robots = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../manifests/robots");
+    Arc::new(RobotModel::load(&robots, "anymal_d").expect("the shipped robot"))
+}
+
+/// Flat and stairs, few of each.
+fn small() -> EnvironmentConfig {
+    let share = |kind, size_m| TerrainShare { kind, share: 1.0, size_m };
+    EnvironmentConfig {
+        levels: 3,
+        variants: 2,
+        poses: 2,
+        initial_level: 2,
+        terrain: vec![share(TerrainKind::Flat, [0.0, 0.0]), share(TerrainKind::StairsUp, [0.05, 0.2])],
+        ..EnvironmentConfig::default()
+    }
+}
+
+fn ground_of(config: EnvironmentConfig) -> Arc<TrainingGround> {
+    Arc::new(TrainingGround::new(config, &robot(), &BTreeMap::new(), 7).expect("a sound configuration"))
+}
+
+fn ground() -> &'static Arc<TrainingGround> {
+    static GROUND: OnceLock<Arc<TrainingGround>> = OnceLock::new();
+    GROUND.get_or_init(|| ground_of(small()))
+}
+
+/// Without pushes, noise, variation or latency, on flat ground.
+fn calm() -> EnvironmentConfig {
+    EnvironmentConfig {
+        terrain: small().terrain[..1].to_vec(),
+        latency_ticks: [0, 0],
+        start: StartRules { moving_share: 0.0, ..StartRules::default() },
+        push: PushRules { speed_m_per_s: [0.0, 0.0], ..PushRules::default() },
+        noise: SensorNoise::NONE,
+        ..small()
+    }
+}
+
+/// Actions that shake every joint differently.
+fn shaking(environment: &Environment, tick: usize) -> Vec<f32> {
+    (0..environment.action_len()).map(|joint| 0.4 * ((tick * 3 + joint * 5) as f32 * 0.37).sin()).collect()
+}
+
+fn seen(environment: &Environment) -> (Vec<f32>, Vec<f32>) {
+    let mut policy = vec![f32::NAN; environment.observation_len()];
+    let mut privileged = vec![f32::NAN; environment.privileged_len()];
+    environment.observe(&mut policy, &mut privileged);
+    (policy, privileged)
+}
+
+/// Everything that an environment gives in some ticks, as bits.
+fn record(environment: &mut Environment, ticks: usize) -> Vec<u32> {
+    let mut bits = Vec::new();
+    for tick in 0..ticks {
+        let action = shaking(environment, tick);
+        let step = environment.step(&action);
+        let (policy, privileged) = seen(environment);
+        bits.extend(policy.iter().chain(&privileged).chain([&step.reward]).map(|value| value.to_bits()));
+        bits.push(environment.level());
+        if step.end.is_some() {
+            environment.begin_episode();
+        }
+    }
+    bits
+}
+
+#[test]
+fn the_same_seed_index_segment_and_level_give_the_same_bytes_on_any_number_of_threads() {
+    use rayon::prelude::*;
+    let run = |threads: usize| -> Vec<Vec<u32>> {
+        with_threads(threads, || {
+            let ground = ground_of(small());
+            let one = |index: u32| {
+                let mut environment = Environment::new(&ground, index);
+                // A past that must not matter.
+                record(&mut environment, 7 * threads + index as usize);
+                environment.restart(5, 1);
+                record(&mut environment, 150)
+            };
+            (0..6).into_par_iter().map(one).collect()
+        })
+        .expect("threads")
+    };
+    let (one, two) = (run(1), run(2));
+    for (index, (first, second)) in one.iter().zip(&two).enumerate() {
+        let differs = first.iter().zip(second).position(|(a, b)| a != b);
+        assert_eq!(differs, None, "environment {index}");
+        assert_eq!(first.len(), second.len(), "environment {index}");
+    }
+    assert_ne!(one[0], one[2], "environments of one terrain differ");
+}
+
+#[test]
+fn segments_differ() {
+    let run = |segment: u64| {
+        let mut environment = Environment::new(ground(), 0);
+        environment.restart(segment, 0);
+        record(&mut environment, 30)
+    };
+    assert_ne!(run(0), run(1));
+}
+
+#[test]
+fn time_that_is_up_is_a_time_out_and_a_base_on_the_ground_a_termination() {
+    let mut environment = Environment::new(&ground_of(calm()), 0);
+    // The default position is the stand: it stands until time is up.
+    let still = vec![0.0; environment.action_len()];
+    let mut ticks = 0;
+    let end = loop {
+        ticks += 1;
+        if let Some(end) = environment.step(&still).end {
+            break end;
+        }
+    };
+    assert_eq!((end, ticks), (End::TimedOut, environment.episode.ticks));
+    environment.begin_episode();
+    // Legs drawn up as far as they go: hips back, knees bent.
+    let folded: Vec<f32> = (0..12).map(|joint| [0.0, 2.0, -4.0][joint % 3]).collect();
+    let fallen = (0..200).find_map(|_| {
+        let step = environment.step(&folded);
+        step.end.map(|end| (end, step.reward, environment.reward_terms().last().copied()))
+    });
+    let (end, reward, last) = fallen.expect("it falls");
+    assert_eq!(end, End::Terminated);
+    assert_eq!(last, Some(("termination", -1.0)));
+    assert!(reward < 0.0, "{reward}");
+}
+
+#[test]
+fn the_end_of_the_tile_is_a_time_out() {
+    let mut environment = Environment::new(&ground_of(calm()), 0);
+    environment.begin_episode();
+    let map = &ground().stage(0, 0, 0).terrain;
+    let edge_m = map.max_m[0] - MAP_MARGIN_M;
+    let height_m = robot().description.stand_height_m as f32;
+    let ahead = crate::plant::BasePose::from_yaw([edge_m - 0.01, 0.0, height_m], 0.0);
+    environment.plant.place(&ahead, &robot().stand_position_rad());
+    environment.plant.push([1.0, 0.0, 0.0]);
+    let still = vec![0.0; environment.action_len()];
+    let end = (0..5).find_map(|_| environment.step(&still).end);
+    assert_eq!(end, Some(End::TimedOut));
+    assert!(environment.tick < environment.episode.ticks);
+}
+
+#[test]
+fn standing_still_leads_down_and_a_short_first_episode_leads_nowhere() {
+    let mut environment = Environment::new(&ground_of(calm()), 0);
+    let still = vec![0.0; environment.action_len()];
+    environment.restart(0, 2);
+    let mut levels = vec![environment.level()];
+    let mut halves = vec![environment.episode.ticks >= 225];
+    for _ in 0..3 {
+        while environment.step(&still).end.is_none() {}
+        environment.begin_episode();
+        levels.push(environment.level());
+        halves.push(environment.episode.ticks >= 225);
+    }
+    for (pair, counts) in levels.windows(2).zip(halves) {
+        assert_eq!(pair[1], pair[0].saturating_sub(u32::from(counts)), "{levels:?}");
+    }
+    assert_eq!(levels.last(), Some(&0));
+}
+
+#[test]
+fn without_noise_policy_and_critic_see_the_plants_own_measurements() {
+    let mut environment = Environment::new(&ground_of(calm()), 0);
+    for tick in 0..20 {
+        let action = shaking(&environment, tick);
+        environment.step(&action);
+    }
+    let (policy, privileged) = seen(&environment);
+    assert_eq!(policy, privileged[..policy.len()]);
+    let measured = environment.plant().measure();
+    for axis in 0..3 {
+        assert_eq!(policy[axis], 2.0 * measured.base_linear_velocity[axis]);
+        assert_eq!(policy[6 + axis], measured.projected_gravity[axis]);
+    }
+    let stand = robot().stand_position_rad();
+    for joint in 0..12 {
+        assert_eq!(policy[12 + joint], measured.joint_position_rad[joint] - stand[joint]);
+        assert_eq!(policy[24 + joint], 0.05 * measured.joint_velocity_rad_per_s[joint]);
+    }
+    assert_eq!(policy[36..48], shaking(&environment, 19), "the last action");
+    let height = 5.0 * (measured.base.position_m[2] - 0.5);
+    assert!(policy[48..].iter().all(|value| (value - height).abs() < 1e-4), "flat ground");
+    assert_eq!(policy.len(), 235);
+}
+
+#[test]
+fn noise_is_the_policys_alone_and_drawn_once_a_tick() {
+    let environment = Environment::new(ground(), 1);
+    let ((policy, privileged), again) = (seen(&environment), seen(&environment));
+    assert_eq!(policy, again.0);
+    let differing = policy.iter().zip(&privileged).filter(|(noisy, truth)| noisy != truth).count();
+    // Command and last action have no noise.
+    assert!((200..=235 - 15).contains(&differing), "{differing}");
+    let heights = policy[48..].iter().zip(&privileged[48..235]);
+    let worst = heights.map(|(noisy, truth)| (noisy - truth).abs()).fold(0.0, f32::max);
+    assert!((0.4..=0.5 + 1e-4).contains(&worst), "10 cm times 5: {worst}");
+}
+
+#[test]
+fn a_blind_policys_critic_still_sees_the_ground() {
+    let mut contract = standard_contract(&robot());
+    contract.observation.retain(|term| term.term != Term::Heights);
+    contract.observation.push(ObservationTerm::new(Term::FootContact, 1.0));
+    let config = EnvironmentConfig { contract: Some(contract), ..calm() };
+    let environment = Environment::new(&ground_of(config), 0);
+    assert_eq!(environment.observation_len(), 52);
+    // Five drawn or measured numbers, twelve of the feet, 187 heights.
+    assert_eq!(environment.privileged_len(), 52 + 5 + 12 + 187);
+    let (policy, privileged) = seen(&environment);
+    assert_eq!(policy[48..], [1.0; 4], "it stands");
+    assert!(privileged.iter().all(|value| value.is_finite()));
+}
+
+#[test]
+fn an_expert_that_nobody_handed_over_is_refused_by_name() {
+    let config =
+        EnvironmentConfig { experts: BTreeMap::from([(TerrainKind::Flat, "walk".to_owned())]), ..small() };
+    let refused = TrainingGround::new(config, &robot(), &BTreeMap::new(), 1).err().expect("no such expert");
+    let text = refused.to_string();
+    assert!(text.contains("environment.experts.flat") && text.contains("walk"), "{text}");
+}
+
+#[test]
+fn levels_get_harder_and_keep_inside_their_range() {
+    let ground = ground();
+    let sizes: Vec<f32> = (0..3)
+        .flat_map(|level| [0, 1].map(|variant| ground.stage(1, level, variant).terrain.size_m))
+        .collect();
+    assert!(sizes.windows(2).all(|pair| pair[0] < pair[1]), "{sizes:?}");
+    assert!(sizes[0] >= 0.05 && sizes[5] <= 0.2 && sizes[5] > 0.17, "{sizes:?}");
+}
