@@ -1,14 +1,12 @@
 //! A skill's plugin on a plant: what the plugin sees each tick, with sensor noise, and what the
 //! plant does with its targets. Collection, optimisation and evaluation all drive through here.
 
-use std::collections::VecDeque;
-
 use rand_chacha::ChaCha8Rng;
 use vocaloco_core::plugin::PluginInstance;
 use vocaloco_plugin_api::{Command, Description, ErrorCode, JointTarget, SkillError, TerrainPatch};
 
 pub use crate::sensing::SensorNoise;
-use crate::{physics::Physics, plant::Plant, sensing::Sensors, terrain::Terrain};
+use crate::{latency::Latency, physics::Physics, plant::Plant, sensing::Sensors, terrain::Terrain};
 
 /// Physics steps to a policy tick: 200 Hz and 50 Hz.
 pub const DECIMATION: usize = 4;
@@ -25,10 +23,7 @@ pub struct Driver<'a, P = Plant> {
     sensors: Sensors,
     time_s: f64,
     targets: Vec<JointTarget>,
-    /// Targets on their way to the drives, the oldest first.
-    late: VecDeque<Vec<JointTarget>>,
-    /// The late targets that the drives follow.
-    applied: Vec<JointTarget>,
+    latency: Latency,
 }
 
 impl<'a, P: Physics> Driver<'a, P> {
@@ -50,8 +45,7 @@ impl<'a, P: Physics> Driver<'a, P> {
             sensors: Sensors::new(noise, rng),
             time_s: 0.0,
             targets: vec![JointTarget::default(); joints],
-            late: VecDeque::new(),
-            applied: Vec::new(),
+            latency: Latency::default(),
         }
     }
 
@@ -59,15 +53,7 @@ impl<'a, P: Physics> Driver<'a, P> {
     /// where they are.
     #[must_use]
     pub fn late_by(mut self, ticks: usize) -> Self {
-        let stand = &self.plant.robot().stand;
-        let held = self.plant.measure().joint_position_rad.iter().map(|position_rad| JointTarget {
-            position_rad: *position_rad,
-            stiffness_nm_per_rad: stand.stiffness_nm_per_rad,
-            damping_nms_per_rad: stand.damping_nms_per_rad,
-            feed_forward_nm: 0.0,
-        });
-        let held: Vec<JointTarget> = held.collect();
-        self.late = vec![held; ticks].into();
+        self.latency = Latency::new(ticks, self.plant.robot(), &self.plant.measure().joint_position_rad);
         self
     }
 
@@ -88,16 +74,7 @@ impl<'a, P: Physics> Driver<'a, P> {
         self.observe();
         self.instance.act(&self.sensors.state(self.time_s), command, &mut self.targets)?;
         check_finite(&self.targets)?;
-        let applied = match self.late.pop_front() {
-            Some(mut due) => {
-                // The buffer that is done with carries the newest targets to the end of the queue.
-                std::mem::swap(&mut due, &mut self.applied);
-                due.clone_from(&self.targets);
-                self.late.push_back(due);
-                &self.applied
-            }
-            None => &self.targets,
-        };
+        let applied = self.latency.pass(&self.targets);
         for _ in 0..DECIMATION {
             self.plant.step(applied);
             after_step(self.plant);

@@ -6,8 +6,8 @@ use vocaloco_core::robot::RobotModel;
 use vocaloco_plugin_api::JointTarget;
 
 /// Hands targets on a fixed number of ticks late. Until the first arrive, the stand holds the joints
-/// where they were.
-#[derive(Clone, Debug)]
+/// where they were. The default is none at all.
+#[derive(Clone, Debug, Default)]
 pub struct Latency {
     /// The oldest first.
     on_the_way: VecDeque<Vec<JointTarget>>,

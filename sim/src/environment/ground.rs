@@ -8,7 +8,7 @@ use thiserror::Error;
 use vocaloco_core::robot::RobotModel;
 use vocaloco_plugin_api::{
     action::ActionMap,
-    contract::{Action, ActionKind, Contract, ContractError, Gains, PerJoint},
+    contract::{Action, ActionKind, Contract, ContractError, Factor, Gains, PerJoint},
     observation::{HeightOrder, HeightPatch, HistoryLayout, ObservationTerm, Observer, Term},
 };
 
@@ -17,7 +17,7 @@ use crate::{
     driver::TICK_S,
     plant::{Plant, PlantKind},
     rollout::RolledSkill,
-    spawn::{NoValidPose, Spawn, SpawnRules, Spawner},
+    spawn::{NoValidPose, Spawn, Spawner},
     stream::{derived_seed, stream, uniform},
     terrain::{Terrain, TerrainKind},
 };
@@ -147,7 +147,7 @@ pub fn standard_contract(robot: &RobotModel) -> Contract {
             ObservationTerm::new(Term::BaseAngularVelocity, 0.25),
             ObservationTerm::new(Term::ProjectedGravity, 1.0),
             ObservationTerm {
-                scale: vocaloco_plugin_api::contract::Factor::Each(vec![2.0, 2.0, 0.25]),
+                scale: Factor::Each(vec![2.0, 2.0, 0.25]),
                 ..ObservationTerm::new(Term::VelocityCommand, 1.0)
             },
             ObservationTerm::new(Term::JointPosition, 1.0),
@@ -183,7 +183,7 @@ fn build_stages(
     seed: u64,
 ) -> Result<Vec<Stage>, NoValidPose> {
     let EnvironmentConfig { levels, variants, poses, plant, .. } = *config;
-    let spawner = Spawner::new(robot, SpawnRules { ..config.spawn });
+    let spawner = Spawner::new(robot, config.spawn);
     let places = (0..config.terrain.len() as u32 * levels * variants).into_par_iter();
     places
         .map(|place| {

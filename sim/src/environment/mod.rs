@@ -11,16 +11,14 @@ mod ground;
 mod reward;
 mod shadow;
 pub mod speed;
+mod views;
 
 #[cfg(test)]
 mod tests;
 
 use std::sync::Arc;
 
-use vocaloco_plugin_api::{
-    Command, JointTarget, TerrainPatch,
-    observation::{OBSERVATION_CLIP, Observer},
-};
+use vocaloco_plugin_api::{Command, JointTarget};
 
 pub use config::{
     CommandRules, ConfigError, CurriculumRules, EnvironmentConfig, PushRules, StartRules, TerrainShare,
@@ -32,9 +30,8 @@ pub use reward::{RewardConfig, RewardTerm, RewardWeights};
 use crate::{
     driver::{DECIMATION, TICK_S},
     latency::Latency,
-    plant::{GRAVITY_M_PER_S2, Plant},
+    plant::{BasePose, GRAVITY_M_PER_S2, Plant},
     rollout::Path,
-    sensing::{SensorNoise, Sensors, true_patch},
     stream::{stream, uniform},
     terrain::TerrainKind,
 };
@@ -43,6 +40,7 @@ use episode::Episode;
 use ground::Stage;
 use reward::{Deed, Judge};
 use shadow::Shadow;
+use views::{Known, Views};
 
 /// An episode ends this far before the map does, m: nothing in sight is unknown.
 const MAP_MARGIN_M: f32 = 1.5;
@@ -83,14 +81,7 @@ pub struct Environment {
     plant: Plant,
     latency: Latency,
     command: Command,
-    sensors: Sensors,
-    truth: Sensors,
-    patch: TerrainPatch,
-    true_heights_m: Vec<f32>,
-    policy_observer: Observer,
-    true_observer: Observer,
-    policy: Vec<f32>,
-    privileged: Vec<f32>,
+    views: Views,
     action: Vec<f32>,
     last_action: Vec<f32>,
     targets: Vec<JointTarget>,
@@ -108,7 +99,6 @@ impl Environment {
         let plant = Plant::from_snapshot(&stage.spawns[0].snapshot);
         let robot = &ground.robot;
         let joints = robot.joint_count();
-        let blind = ground::standard_patch().terrain();
         let mut environment = Self {
             index,
             terrain,
@@ -122,14 +112,7 @@ impl Environment {
             latency: Latency::new(0, robot, &plant.measure().joint_position_rad),
             plant,
             command: Command::velocity(0.0, 0.0, 0.0),
-            sensors: Sensors::new(ground.config.noise, stream(ground.seed, "environment/sensors", &[])),
-            truth: Sensors::new(SensorNoise::NONE, stream(ground.seed, "environment/sensors", &[])),
-            patch: ground.observer.needs().terrain.into_option().unwrap_or(blind),
-            true_heights_m: Vec::new(),
-            policy_observer: ground.observer.clone(),
-            true_observer: ground.observer.clone(),
-            policy: vec![0.0; ground.observer.len()],
-            privileged: Vec::new(),
+            views: Views::new(ground),
             action: vec![0.0; joints],
             last_action: vec![0.0; joints],
             targets: vec![JointTarget::default(); joints],
@@ -145,12 +128,12 @@ impl Environment {
 
     /// Number of values that the policy observes.
     pub fn observation_len(&self) -> usize {
-        self.policy.len()
+        self.views.policy.len()
     }
 
     /// Number of values that the critic observes.
     pub fn privileged_len(&self) -> usize {
-        self.privileged.len()
+        self.views.privileged.len()
     }
 
     /// Number of values of an action.
@@ -204,8 +187,8 @@ impl Environment {
 
     /// Copies what the policy sees, noisy and by the contract, and what the critic sees.
     pub fn observe(&self, policy: &mut [f32], privileged: &mut [f32]) {
-        policy.copy_from_slice(&self.policy);
-        privileged.copy_from_slice(&self.privileged);
+        policy.copy_from_slice(&self.views.policy);
+        privileged.copy_from_slice(&self.views.privileged);
     }
 
     /// One policy tick of 20 ms. `action` is the network's output, in the contract's order, unclipped.
@@ -244,7 +227,7 @@ impl Environment {
         let Some(shadow) = &mut self.shadow else { return false };
         let measured = self.plant.measure();
         let terrain = &ground.stage(self.terrain, self.level, self.episode.variant).terrain;
-        let state = self.sensors.state(f64::from(self.tick) * TICK_S);
+        let state = self.views.sensed(f64::from(self.tick) * TICK_S);
         let Some(targets) = shadow.targets(self.tick, &state, &self.command, terrain, &measured.base) else {
             return false;
         };
@@ -293,15 +276,12 @@ impl Environment {
         self.plant.reset_work();
         self.path = Path::from(&spawn.base);
         if self.episode.start_m_per_s > 0.0 {
-            let forward = [self.episode.start_m_per_s, 0.0, 0.0];
-            self.plant
-                .push(crate::plant::BasePose::from_yaw([0.0; 3], spawn.base.yaw()).vector_in_world(forward));
+            let level = BasePose::from_yaw([0.0; 3], spawn.base.yaw());
+            self.plant.push(level.vector_in_world([self.episode.start_m_per_s, 0.0, 0.0]));
         }
         let joints = &self.plant.measure().joint_position_rad;
         self.latency = Latency::new(self.episode.latency_ticks as usize, &ground.robot, joints);
-        self.sensors = Sensors::new(config.noise, self.stream("environment/sensors"));
-        self.policy_observer.reset();
-        self.true_observer.reset();
+        self.views.reset(config.noise, self.stream("environment/sensors"));
         self.last_action.fill(0.0);
         self.air_time_s.fill(0.0);
         self.shadow = None;
@@ -390,53 +370,19 @@ impl Environment {
         (self.tick >= self.episode.ticks || !inside).then_some(End::TimedOut)
     }
 
-    /// Measures, and fills both observations: once a tick, so that noise is drawn once.
+    /// The command, and both views of the present tick.
     fn sense(&mut self) {
         let ground = Arc::clone(&self.ground);
         let terrain = &ground.stage(self.terrain, self.level, self.episode.variant).terrain;
+        let known = Known {
+            height_error_m: self.height_error_m(),
+            variation: &self.episode.variation,
+            latency_ticks: self.episode.latency_ticks,
+            air_time_s: &self.air_time_s,
+        };
         let measured = self.plant.measure();
         self.command = self.path.command(&measured.base, &self.episode.rules);
-        true_patch(terrain, &self.patch, &measured.base, &mut self.true_heights_m);
-        self.sensors.measure(measured);
-        self.sensors.look_at(&self.true_heights_m);
-        self.truth.measure(measured);
-        self.truth.look_at(&self.true_heights_m);
         let time_s = f64::from(self.tick) * TICK_S;
-        let wrong = "the observation is as long as the observer says";
-        let Self { policy_observer, true_observer, last_action, command, .. } = self;
-        policy_observer
-            .write(&self.sensors.state(time_s), command, last_action, &mut self.policy)
-            .expect(wrong);
-        let len = true_observer.len();
-        self.privileged.resize(len, 0.0);
-        true_observer
-            .write(&self.truth.state(time_s), command, last_action, &mut self.privileged)
-            .expect(wrong);
-        self.add_privileged();
-    }
-
-    /// What the critic knows beyond the policy's terms without noise, each about 1 in size: base height,
-    /// friction, mass, motor strength, latency; contact, time in the air and stumbling of each foot; and
-    /// the heights of METHOD, section 7, where the policy has none.
-    fn add_privileged(&mut self) {
-        let height_error_m = self.height_error_m();
-        let variation = &self.episode.variation;
-        let measured = self.plant.measure();
-        let privileged = &mut self.privileged;
-        privileged.extend([
-            (5.0 * height_error_m).clamp(-OBSERVATION_CLIP, OBSERVATION_CLIP),
-            (variation.friction - 0.875) / 0.375,
-            variation.base_mass_offset_kg / 5.0,
-            (variation.motor_strength - 1.0) / 0.1,
-            self.episode.latency_ticks as f32,
-        ]);
-        let flag = |on: &bool| f32::from(u8::from(*on));
-        privileged.extend(measured.foot_contact.iter().map(flag));
-        privileged.extend(self.air_time_s.iter().map(|time_s| (2.0 * time_s).min(2.0)));
-        privileged.extend(measured.foot_stumble.iter().map(flag));
-        if self.ground.observer.needs().terrain.is_none() {
-            let value = |height_m: &f32| 5.0 * (-0.5 - height_m).clamp(-1.0, 1.0);
-            privileged.extend(self.true_heights_m.iter().map(value));
-        }
+        self.views.fill((terrain, measured), time_s, &self.command, &self.last_action, &known);
     }
 }

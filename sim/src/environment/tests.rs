@@ -4,7 +4,7 @@ use vocaloco_core::robot::RobotModel;
 use vocaloco_plugin_api::observation::{ObservationTerm, Term};
 
 use super::*;
-use crate::threads::with_threads;
+use crate::{sensing::SensorNoise, threads::with_threads};
 
 fn robot() -> Arc<RobotModel> {
     let robots = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../manifests/robots");
@@ -96,7 +96,7 @@ fn the_same_seed_index_segment_and_level_give_the_same_bytes_on_any_number_of_th
         assert_eq!(differs, None, "environment {index}");
         assert_eq!(first.len(), second.len(), "environment {index}");
     }
-    assert_ne!(one[0], one[2], "environments of one terrain differ");
+    assert_ne!(one[1], one[2], "environments of one terrain differ");
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn the_end_of_the_tile_is_a_time_out() {
     let map = &ground().stage(0, 0, 0).terrain;
     let edge_m = map.max_m[0] - MAP_MARGIN_M;
     let height_m = robot().description.stand_height_m as f32;
-    let ahead = crate::plant::BasePose::from_yaw([edge_m - 0.01, 0.0, height_m], 0.0);
+    let ahead = BasePose::from_yaw([edge_m - 0.01, 0.0, height_m], 0.0);
     environment.plant.place(&ahead, &robot().stand_position_rad());
     environment.plant.push([1.0, 0.0, 0.0]);
     let still = vec![0.0; environment.action_len()];
