@@ -32,16 +32,21 @@ fn small_workspace() -> Fixture {
     table.remove("default-members");
     fixture.write("Cargo.toml", workspace.to_string().as_bytes());
     fixture.write("Cargo.lock", &fs::read(repository().join("Cargo.lock")).expect("the lock file"));
-    for file in ["Cargo.toml"].map(str::to_owned).into_iter().chain(sources("plugins/api/src")) {
-        let path = format!("plugins/api/{file}");
+    for path in std::iter::once("plugins/api/Cargo.toml".to_owned()).chain(sources("plugins/api/src")) {
         fixture.write(&path, &fs::read(repository().join(&path)).expect("a source file"));
     }
     fixture
 }
 
+/// Every file below a folder of the repository.
 fn sources(folder: &str) -> Vec<String> {
     let entries = fs::read_dir(repository().join(folder)).expect("a folder");
-    entries.map(|entry| format!("src/{}", entry.expect("an entry").file_name().to_string_lossy())).collect()
+    let inside = |entry: std::io::Result<fs::DirEntry>| {
+        let entry = entry.expect("an entry");
+        let path = format!("{folder}/{}", entry.file_name().to_string_lossy());
+        if entry.path().is_dir() { sources(&path) } else { vec![path] }
+    };
+    entries.flat_map(inside).collect()
 }
 
 #[test]

@@ -43,10 +43,11 @@ fn stop(skill: &str, course: (CourseKind, f32), stop_x_m: f32, phase: usize) -> 
     let loaded =
         load_skill(&installation, skill, &robot.description, ModelPolicy::Optional).expect("a skill");
     let viable = Arc::new(AtomicBool::new(true));
+    let controller = loaded.create(&robot.description).expect("an instance");
     let skill = Skill {
         rule: Skill::rule_of(&loaded.manifest),
-        needs: loaded.library.description().needs,
-        controller: Box::new(loaded.create(&robot.description).expect("an instance")),
+        needs: *controller.needs(),
+        controller: Box::new(controller),
         predictors: Box::new(Scripted(Arc::clone(&viable))),
     };
     let windows = Windows { switch: 1, stop: 1, resume: 1000 };

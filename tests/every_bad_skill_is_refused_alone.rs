@@ -106,7 +106,7 @@ fn a_plugin_of_another_interface() {
     let version = library_file_name("foreign_version");
     refused(
         |fixture| fixture.alter(MANIFEST, "\"faulty\"", "\"foreign_version\""),
-        &[&version, "interface", "skill interface 2", "skill interface 1"],
+        &[&version, "interface", "skill interface 3", "skill interface 2"],
     );
 }
 
@@ -176,7 +176,13 @@ fn a_joint_that_the_robot_lacks() {
             fixture.alter(
                 MANIFEST,
                 "[selection]",
-                "[contract]\njoints = [\"LF_HAA\", \"LF_HIP\"]\n\n[selection]",
+                "[contract]
+                joints = [\"LF_HAA\", \"LF_HIP\"]
+                observation = [{ term = \"joint_position\" }]
+                action = { kind = \"joint_position\", scale = 0.5, default_position_rad = { LF_HAA = 0.0 } }
+                gains = { stiffness_nm_per_rad = 80.0, damping_nms_per_rad = 2.0 }
+
+                [selection]",
             );
         },
         &[MANIFEST, "contract.joints[1]", "\"LF_HIP\"", "joints of anymal_d", "RH_KFE"],

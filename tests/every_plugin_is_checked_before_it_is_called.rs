@@ -103,7 +103,7 @@ fn a_library_that_exports_no_skill_is_told_how_to() {
 fn another_layout_of_the_interface_is_refused_in_one_line() {
     let error = refusal("foreign_layout", &built("foreign_layout"));
     assert!(matches!(error, PluginError::ForeignInterface(_)), "{error}");
-    assert!(error.to_string().contains("skill interface 1"), "{error}");
+    assert!(error.to_string().contains("skill interface 2"), "{error}");
 }
 
 #[test]
@@ -111,7 +111,7 @@ fn another_version_of_the_interface_is_refused_naming_both() {
     let error = refusal("foreign_version", &built("foreign_version"));
     assert!(matches!(error, PluginError::ForeignInterface(_)), "{error}");
     let line = error.to_string();
-    assert!(line.contains("found skill interface 2") && line.contains("skill interface 1"), "{line}");
+    assert!(line.contains("found skill interface 3") && line.contains("skill interface 2"), "{line}");
 }
 
 #[test]

@@ -45,8 +45,7 @@ impl Measured {
         let wave = |phase: f64| libm::sin(0.1 * tick as f64 + phase) as f32;
         let joint_wave = |size: f32| (0..joints).map(|joint| size * wave(joint as f64)).collect::<Vec<_>>();
         let roll = 0.03 * wave(0.3);
-        let points =
-            skill.library.description().needs.terrain.as_ref().map_or(0, |it| it.rows() * it.columns());
+        let points = skill.needs.terrain.as_ref().map_or(0, |it| it.rows() * it.columns());
         let ground_m = -description.stand_height_m as f32;
         Self {
             time_s: 0.02 * tick as f64,
@@ -260,22 +259,28 @@ fn a_parameter_is_taken_at_its_limits_and_refused_beyond_them() {
     let robot = robot();
     for skill in skills(&robot) {
         let name = &skill.manifest.name;
-        let create = |text: &str| skill.library.create(text, &robot.description);
-        create("").unwrap_or_else(|error| panic!("{name}: its defaults: {error}"));
+        // A policy's text is its contract; what runs none has a default for everything.
+        let text = if skill.policy.is_some() { skill.parameters.as_str() } else { "" };
+        let own: toml::Table = toml::from_str(text).expect("TOML");
+        let create = |text: &str| skill.library.create_with(text, &robot.description, skill.policy.as_ref());
+        let with = |key: &str, value: f64| {
+            let mut table = own.clone();
+            table.insert(key.to_owned(), toml::Value::Float(value));
+            table.to_string()
+        };
+        create(text).unwrap_or_else(|error| panic!("{name}: its defaults: {error}"));
         for parameter in &skill.library.description().parameters {
             let (key, min, max) = (&parameter.name, parameter.range.min, parameter.range.max);
             let step = 0.01 * (max - min);
             for inside in [min, max, parameter.default] {
-                let text = format!("{key} = {inside:?}");
-                create(&text).unwrap_or_else(|error| panic!("{name}: {text}: {error}"));
+                create(&with(key, inside)).unwrap_or_else(|error| panic!("{name}: {key} {inside}: {error}"));
             }
             for outside in [min - step, max + step, f64::NAN] {
-                let text = format!("{key} = {}", toml::Value::Float(outside));
-                let error = create(&text).expect_err(&text).to_string();
-                assert!(error.contains(key.as_str()) && !error.contains('\n'), "{name}: {text}: {error}");
+                let error = create(&with(key, outside)).expect_err(key).to_string();
+                assert!(error.contains(key.as_str()) && !error.contains('\n'), "{name}: {outside}: {error}");
             }
         }
-        let error = create("no_such_parameter = 1.0").expect_err("unknown").to_string();
+        let error = create(&with("no_such_parameter", 1.0)).expect_err("unknown").to_string();
         assert!(error.contains("no_such_parameter") && !error.contains('\n'), "{name}: {error}");
         create("= = =").expect_err("not a parameter file");
     }
@@ -288,7 +293,7 @@ fn a_robot_without_legs_is_an_error() {
         let mut stump = robot.description.clone();
         stump.joints.clear();
         stump.feet.clear();
-        if let Ok(mut one) = skill.library.create(&skill.parameters, &stump) {
+        if let Ok(mut one) = skill.create(&stump) {
             // It may hold nothing at all, but must not reach for joints that are not there.
             let mut measured = Measured::at(0, &skill, &robot);
             (measured.position_rad, measured.velocity_rad_per_s) = (vec![], vec![]);

@@ -7,7 +7,7 @@ mod installation;
 mod model;
 
 pub use installation::Fixture;
-pub use model::{constant_model, constant_model_of_shape};
+pub use model::{PolicyModel, constant_model, constant_model_of_shape};
 
 /// The folder with the libraries of all plugins, the shipped ones and those that misbehave for tests;
 /// built on the first call.

@@ -1,9 +1,10 @@
-//! ONNX files of predictors that answer the same for every field, as small as the signature allows.
+//! ONNX files for tests: predictors that answer the same for every field, and small policies.
 
 use prost::Message;
 use tract_onnx::pb::{
-    AttributeProto, GraphProto, ModelProto, NodeProto, OperatorSetIdProto, TensorProto, TensorShapeProto,
-    TypeProto, ValueInfoProto, attribute_proto, tensor_shape_proto, type_proto,
+    AttributeProto, GraphProto, ModelProto, NodeProto, OperatorSetIdProto, StringStringEntryProto,
+    TensorProto, TensorShapeProto, TypeProto, ValueInfoProto, attribute_proto, tensor_shape_proto,
+    type_proto,
 };
 
 /// `heightfield` f32 `[N, 1, 31, 11]` → `output` f32 `[N, 1]`, always `value`.
@@ -69,5 +70,97 @@ fn described(name: &str, shape: &[i64]) -> ValueInfoProto {
             ..TypeProto::default()
         }),
         ..ValueInfoProto::default()
+    }
+}
+
+/// A policy network of fully connected layers with ELU between them.
+#[derive(Clone, Debug)]
+pub struct PolicyModel {
+    /// By layer: weight `[output][input]`, and bias.
+    pub layers: Vec<(Vec<Vec<f32>>, Vec<f32>)>,
+    /// What its exporter says of it.
+    pub metadata: Vec<(String, String)>,
+}
+
+impl PolicyModel {
+    /// Layers of these widths, the observation's first; small weights, no two alike.
+    pub fn arbitrary(widths: &[usize]) -> Self {
+        let mut state = 4321_u32;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / 8_388_608.0 - 1.0
+        };
+        let layer = |pair: &[usize]| {
+            let scale = libm::sqrtf(1.0 / pair[0] as f32);
+            let mut row = |length| (0..length).map(|_| scale * next()).collect::<Vec<_>>();
+            ((0..pair[1]).map(|_| row(pair[0])).collect(), row(pair[1]))
+        };
+        Self { layers: widths.windows(2).map(layer).collect(), metadata: Vec::new() }
+    }
+
+    /// The actions, in plain loops and f64.
+    pub fn forward(&self, observation: &[f32]) -> Vec<f32> {
+        let mut x: Vec<f64> = observation.iter().map(|value| f64::from(*value)).collect();
+        for (index, (weight, bias)) in self.layers.iter().enumerate() {
+            let dot = |row: &Vec<f32>| row.iter().zip(&x).map(|(w, x)| f64::from(*w) * x).sum::<f64>();
+            let sums = weight.iter().zip(bias).map(|(row, bias)| dot(row) + f64::from(*bias));
+            let is_last = index + 1 == self.layers.len();
+            x = sums.map(|sum| if is_last || sum > 0.0 { sum } else { libm::expm1(sum) }).collect();
+        }
+        x.iter().map(|value| *value as f32).collect()
+    }
+
+    /// The file: `obs` f32 `[N, n]` → `actions` f32 `[N, m]`.
+    pub fn onnx(&self) -> Vec<u8> {
+        let transposed = AttributeProto {
+            name: "transB".into(),
+            r#type: attribute_proto::AttributeType::Int as i32,
+            i: 1,
+            ..AttributeProto::default()
+        };
+        let (mut node, mut initializer) = (Vec::new(), Vec::new());
+        let mut at = "obs".to_owned();
+        for (index, (weight, bias)) in self.layers.iter().enumerate() {
+            let is_last = index + 1 == self.layers.len();
+            let names = [format!("w{index}"), format!("b{index}")];
+            let dims = [weight.len() as i64, weight[0].len() as i64];
+            initializer.push(tensor(&names[0], &dims, weight.concat()));
+            initializer.push(tensor(&names[1], &dims[..1], bias.clone()));
+            let [w, b] = names;
+            let sum = if is_last { "actions".to_owned() } else { format!("sum{index}") };
+            node.push(NodeProto {
+                op_type: "Gemm".into(),
+                input: vec![at.clone(), w, b],
+                output: vec![sum.clone()],
+                attribute: vec![transposed.clone()],
+                ..NodeProto::default()
+            });
+            at.clone_from(&sum);
+            if !is_last {
+                at = format!("elu{index}");
+                let (input, output) = (vec![sum], vec![at.clone()]);
+                node.push(NodeProto { op_type: "Elu".into(), input, output, ..NodeProto::default() });
+            }
+        }
+        let (inputs, outputs) = (self.layers[0].0[0].len(), self.layers[self.layers.len() - 1].1.len());
+        let entry = |(key, value): &(String, String)| StringStringEntryProto {
+            key: key.clone(),
+            value: value.clone(),
+        };
+        ModelProto {
+            ir_version: 8,
+            opset_import: vec![OperatorSetIdProto { domain: String::new(), version: 17 }],
+            graph: Some(GraphProto {
+                name: "policy".into(),
+                node,
+                initializer,
+                input: vec![described("obs", &[inputs as i64])],
+                output: vec![described("actions", &[outputs as i64])],
+                ..GraphProto::default()
+            }),
+            metadata_props: self.metadata.iter().map(entry).collect(),
+            ..ModelProto::default()
+        }
+        .encode_to_vec()
     }
 }

@@ -9,6 +9,7 @@ pub mod installation;
 pub mod manifest;
 pub mod observation;
 pub mod plugin;
+pub mod policy;
 pub mod predictor;
 pub mod registry;
 pub mod replay;

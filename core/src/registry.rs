@@ -7,11 +7,12 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use vocaloco_plugin_api::{CommandKind, Description, RobotDescription};
+use vocaloco_plugin_api::{CommandKind, Description, Needs, RobotDescription};
 
 use crate::installation::Installation;
 use crate::manifest::{Deployment, Finding, SkillManifest, is_snake_case, read_bounded};
 use crate::plugin::{PluginError, PluginInstance, PluginLibrary};
+use crate::policy::PolicyNetwork;
 use crate::predictor::{ModelError, Predictor, Quantity};
 use crate::robot::{RobotError, RobotModel};
 
@@ -25,8 +26,12 @@ pub struct LoadedSkill {
     pub manifest: SkillManifest,
     /// Its plugin.
     pub library: Arc<PluginLibrary>,
-    /// The text that its instances are made from.
+    /// The text that its instances are made from: its parameter file, or the contract of its policy.
     pub parameters: String,
+    /// What its instances read each tick.
+    pub needs: Needs,
+    /// Its policy network, where its manifest names one.
+    pub policy: Option<PolicyNetwork>,
     /// Its viability predictor; always there when models were required.
     pub viability: Option<Predictor>,
     /// Its predictor of cost of transport; always there when models were required.
@@ -40,7 +45,7 @@ impl LoadedSkill {
     /// As [`PluginLibrary::create`]; `robot` is the one the skill was loaded for, so only a plugin
     /// that breaks its contract errs here.
     pub fn create(&self, robot: &RobotDescription) -> Result<PluginInstance, PluginError> {
-        self.library.create(&self.parameters, robot)
+        self.library.create_with(&self.parameters, robot, self.policy.as_ref())
     }
 }
 
@@ -196,10 +201,14 @@ fn examine(
         .map(|misfit| Finding::new(&file, format!("contract.{}", misfit.field), misfit.found, misfit.wanted))
         .collect();
     findings.extend(unsupported(&manifest));
-    let parameters = match &manifest.models.parameters {
-        None => Ok(String::new()),
-        Some(path) => read_bounded(&folder.join(path), MAX_PARAMETER_BYTES, &file, "models.parameters"),
+    let parameters = match (&manifest.models.parameters, &manifest.contract) {
+        (Some(path), _) => read_bounded(&folder.join(path), MAX_PARAMETER_BYTES, &file, "models.parameters"),
+        (None, Some(contract)) if manifest.models.policy.is_some() => toml::to_string(contract)
+            .map_err(|error| Finding::new(&file, "contract", error, "a contract that can be written out")),
+        (None, _) => Ok(String::new()),
     };
+    let network = manifest.models.policy.as_ref().map(|path| PolicyNetwork::load(&folder.join(path)));
+    let network = network.transpose().map_err(|ModelError(finding)| finding);
     let library =
         PluginLibrary::open(&installation.plugin_path, &manifest.plugin).map_err(|error| match error {
             PluginError::NotFound(missing) => {
@@ -210,15 +219,18 @@ fn examine(
         });
     if let Ok(library) = &library {
         findings.extend(misfits(&manifest, library.description()));
-        if let Ok(text) = &parameters
-            && let Err(error) = library.create(text, robot)
-        {
-            let mut finding = error.into_finding();
-            if let Some(path) = manifest.models.parameters.as_ref().filter(|_| finding.field == "parameters")
-            {
-                finding.file = folder.join(path);
-            }
-            findings.push(finding);
+        findings.extend(policy_misfits(&manifest, library.description()));
+    }
+    if let (Ok(Some(network)), Some(contract)) = (&network, &manifest.contract) {
+        findings.extend(network.misfits(&file, contract, robot));
+    }
+    // An instance of a policy whose contract does not fit would only say so again, less well.
+    let is_tried = findings.is_empty() || manifest.contract.is_none();
+    let mut needs = None;
+    if let (Ok(library), Ok(text), Ok(network), true) = (&library, &parameters, &network, is_tried) {
+        match library.create_with(text, robot, network.as_ref()) {
+            Ok(instance) => needs = Some(*instance.needs()),
+            Err(error) => findings.push(at_its_text(&manifest, &folder, error.into_finding())),
         }
     }
     let predictor = |field: &str, path: &Path, quantity: Quantity| {
@@ -235,13 +247,16 @@ fn examine(
     };
     let viability = predictor("models.viability", &manifest.models.viability, Quantity::Viability);
     let cot = predictor("models.cot", &manifest.models.cot, Quantity::Cot);
-    match (parameters, library, viability, cot) {
-        (Ok(parameters), Ok(library), Ok(viability), Ok(cot)) if findings.is_empty() => {
-            Ok(LoadedSkill { manifest, library, parameters, viability, cot })
+    match (parameters, library, network, needs, viability, cot) {
+        (Ok(parameters), Ok(library), Ok(policy), Some(needs), Ok(viability), Ok(cot))
+            if findings.is_empty() =>
+        {
+            Ok(LoadedSkill { manifest, library, parameters, needs, policy, viability, cot })
         }
-        (parameters, library, viability, cot) => {
+        (parameters, library, network, _, viability, cot) => {
             findings.extend(library.err());
             findings.extend(parameters.err());
+            findings.extend(network.err());
             findings.extend(viability.err());
             findings.extend(cot.err());
             Err(findings)
@@ -249,13 +264,23 @@ fn examine(
     }
 }
 
+/// A plugin's complaint about its text, with the file that the text is from.
+fn at_its_text(manifest: &SkillManifest, folder: &Path, finding: Finding) -> Finding {
+    if finding.field != "parameters" {
+        return finding;
+    }
+    match &manifest.models.parameters {
+        Some(path) => Finding { file: folder.join(path), ..finding },
+        None if manifest.contract.is_some() => {
+            Finding { file: manifest.file.clone(), field: "contract".to_owned(), ..finding }
+        }
+        None => finding,
+    }
+}
+
 /// What the schema knows and this version does not do.
 fn unsupported(manifest: &SkillManifest) -> Vec<Finding> {
     let mut findings = Vec::new();
-    if let Some(model) = &manifest.models.policy {
-        let wanted = "parameters: this version hands no policy network to plugins";
-        findings.push(Finding::new(&manifest.file, "models.policy", model.display(), wanted));
-    }
     if manifest.command.kind == CommandKind::PositionTarget {
         let wanted = "velocity: this version sets no position targets";
         findings.push(Finding::new(&manifest.file, "command.kind", kind(manifest.command.kind), wanted));
@@ -265,6 +290,35 @@ fn unsupported(manifest: &SkillManifest) -> Vec<Finding> {
         findings.push(Finding::new(&manifest.file, "selection.committed", true, wanted));
     }
     findings
+}
+
+/// Where a manifest's policy network, contract and parameters are not what the plugin takes.
+fn policy_misfits(manifest: &SkillManifest, plugin: &Description) -> Vec<Finding> {
+    let finding =
+        |field: &str, found: String, wanted: String| vec![Finding::new(&manifest.file, field, found, wanted)];
+    let name = &plugin.name;
+    let nothing = || "nothing".to_owned();
+    match (&manifest.models.policy, &manifest.contract, &manifest.models.parameters) {
+        (Some(path), _, _) if !plugin.needs.policy => {
+            let wanted = format!("nothing: plugin {name} runs no policy network");
+            finding("models.policy", path.display().to_string(), wanted)
+        }
+        (None, _, _) if plugin.needs.policy => {
+            finding("models.policy", nothing(), format!("the network that plugin {name} runs"))
+        }
+        (Some(_), None, None) => {
+            finding("contract", nothing(), "what the policy was trained with, by name".to_owned())
+        }
+        (Some(_), Some(_), Some(path)) => {
+            let wanted = "nothing beside a contract: the plugin is created from one text".to_owned();
+            finding("models.parameters", path.display().to_string(), wanted)
+        }
+        (_, Some(contract), _) if (contract.rate_hz - plugin.rate_hz).abs() > 1e-9 => {
+            let wanted = format!("{}, the rate of plugin {name}", plugin.rate_hz);
+            finding("contract.rate_hz", contract.rate_hz.to_string(), wanted)
+        }
+        _ => Vec::new(),
+    }
 }
 
 /// Where a manifest asks more of a plugin than it declares.

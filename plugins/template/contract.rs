@@ -2,7 +2,7 @@
 
 use template_skill::TemplateSkill;
 use vocaloco_plugin_api::{
-    Command, FootDescription, JointDescription, JointTarget, RobotDescription, RobotState, Skill,
+    Command, FootDescription, Host, JointDescription, JointTarget, RobotDescription, RobotState, Skill,
 };
 
 const JOINTS: usize = 12;
@@ -78,10 +78,10 @@ fn bits(target: &JointTarget) -> [u32; 4] {
 
 #[test]
 fn the_same_inputs_since_reset_give_the_same_bytes() {
-    let mut skill = TemplateSkill::create("", &robot()).expect("an instance");
+    let mut skill = TemplateSkill::create("", &robot(), Host::default()).expect("an instance");
     let first = targets(&mut skill, 20);
     let again = targets(&mut skill, 20);
-    let fresh = targets(&mut TemplateSkill::create("", &robot()).expect("an instance"), 20);
+    let fresh = targets(&mut TemplateSkill::create("", &robot(), Host::default()).expect("an instance"), 20);
     for (index, target) in first.iter().enumerate() {
         let (tick, joint) = (index / JOINTS, index % JOINTS);
         assert_eq!(bits(target), bits(&again[index]), "tick {tick}, joint {joint}, after a reset");
@@ -91,7 +91,7 @@ fn the_same_inputs_since_reset_give_the_same_bytes() {
 
 #[test]
 fn every_target_is_finite_and_no_gain_is_negative() {
-    let mut skill = TemplateSkill::create("", &robot()).expect("an instance");
+    let mut skill = TemplateSkill::create("", &robot(), Host::default()).expect("an instance");
     for (index, target) in targets(&mut skill, 50).iter().enumerate() {
         let JointTarget { position_rad, stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm } =
             *target;
@@ -106,7 +106,7 @@ fn every_target_is_finite_and_no_gain_is_negative() {
 #[test]
 fn it_holds_the_stand() {
     let robot = robot();
-    let mut skill = TemplateSkill::create("", &robot).expect("an instance");
+    let mut skill = TemplateSkill::create("", &robot, Host::default()).expect("an instance");
     for (target, joint) in targets(&mut skill, 1).iter().zip(&robot.joints) {
         assert_eq!(target.position_rad.to_bits(), (joint.stand_rad as f32).to_bits(), "{}", joint.name);
     }
@@ -115,7 +115,7 @@ fn it_holds_the_stand() {
 #[test]
 fn unknown_parameters_and_values_out_of_range_are_refused() {
     for text in ["stifness = 80.0", "stiffness_nm_per_rad = nan", "damping_nms_per_rad = -1.0"] {
-        let error = TemplateSkill::create(text, &robot()).expect_err(text);
+        let error = TemplateSkill::create(text, &robot(), Host::default()).expect_err(text);
         assert!(error.message.contains(text.split(' ').next().unwrap_or(text)), "{error}");
     }
 }

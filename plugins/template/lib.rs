@@ -4,7 +4,7 @@
 use serde::Deserialize;
 use vocaloco_plugin_api::abi::abi_stable::std_types::{RNone, RVec};
 use vocaloco_plugin_api::{
-    Command, CommandKind, Description, ErrorCode, JointTarget, Needs, Parameter, Range, RobotDescription,
+    Command, CommandKind, Description, ErrorCode, Host, JointTarget, Needs, Parameter, Range, RobotDescription,
     RobotState, Scale, Skill, SkillError,
 };
 
@@ -52,7 +52,7 @@ impl Skill for TemplateSkill {
             command: CommandKind::Velocity,
             forward_m_per_s: Range { min: 0.0, max: 0.7 },
             // Terrain heights, foot contacts and torques are given to those who ask.
-            needs: Needs { terrain: RNone, foot_contacts: false, joint_torques: false },
+            needs: Needs { policy: false, terrain: RNone, foot_contacts: false, joint_torques: false },
             // What an optimiser may search.
             parameters: RVec::from(vec![
                 parameter("stiffness_nm_per_rad", "N·m/rad", default.stiffness_nm_per_rad, STIFFNESS),
@@ -61,7 +61,7 @@ impl Skill for TemplateSkill {
         }
     }
 
-    fn create(parameters: &str, robot: &RobotDescription) -> Result<Self, SkillError> {
+    fn create(parameters: &str, robot: &RobotDescription, _host: Host) -> Result<Self, SkillError> {
         let refuse = |message: String| SkillError::new(ErrorCode::Parameters, message);
         let parameters: Parameters =
             toml::from_str(parameters).map_err(|error| refuse(error.message().to_owned()))?;

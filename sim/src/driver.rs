@@ -3,7 +3,7 @@
 
 use rand_chacha::ChaCha8Rng;
 use vocaloco_core::plugin::PluginInstance;
-use vocaloco_plugin_api::{Command, Description, ErrorCode, JointTarget, SkillError, TerrainPatch};
+use vocaloco_plugin_api::{Command, ErrorCode, JointTarget, SkillError, TerrainPatch};
 
 pub use crate::sensing::SensorNoise;
 use crate::{latency::Latency, physics::Physics, plant::Plant, sensing::Sensors, terrain::Terrain};
@@ -27,12 +27,11 @@ pub struct Driver<'a, P = Plant> {
 }
 
 impl<'a, P: Physics> Driver<'a, P> {
-    /// A driver at time 0; `description` says which terrain the plugin needs, `rng` feeds the noise.
+    /// A driver at time 0; `rng` feeds the noise.
     pub fn new(
         plant: &'a mut P,
         terrain: &'a Terrain,
         instance: &'a mut PluginInstance,
-        description: &Description,
         noise: SensorNoise,
         rng: ChaCha8Rng,
     ) -> Self {
@@ -40,8 +39,8 @@ impl<'a, P: Physics> Driver<'a, P> {
         Self {
             plant,
             terrain,
+            patch: instance.needs().terrain.into_option(),
             instance,
-            patch: description.needs.terrain.into_option(),
             sensors: Sensors::new(noise, rng),
             time_s: 0.0,
             targets: vec![JointTarget::default(); joints],

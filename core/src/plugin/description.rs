@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use vocaloco_plugin_api::{Description, Parameter, Range, Scale, TerrainPatch};
+use vocaloco_plugin_api::{Description, Needs, Parameter, Range, Scale, TerrainPatch};
 
 use crate::manifest::{Finding, is_snake_case};
 
@@ -24,12 +24,7 @@ pub(super) fn check(file: &Path, description: &Description) -> Result<(), Findin
             return finding("joints", format!("{joint} twice"), "every joint once");
         }
     }
-    if let Some(patch) = description.needs.terrain.as_ref().into_option()
-        && !patch_is_sound(patch)
-    {
-        let wanted = "0 to 3 m each way with points every 1 to 20 cm";
-        return finding("needs.terrain", format!("{patch:?}"), wanted);
-    }
+    check_needs(file, &description.needs)?;
     for (index, parameter) in description.parameters.iter().enumerate() {
         let field = format!("parameters.{}", parameter.name);
         if description.parameters[..index].iter().any(|earlier| earlier.name == parameter.name) {
@@ -39,6 +34,17 @@ pub(super) fn check(file: &Path, description: &Description) -> Result<(), Findin
             let wanted = "a name, a default inside min to max, min above 0 on a log scale";
             return finding(&field, format!("{parameter:?}"), wanted);
         }
+    }
+    Ok(())
+}
+
+/// What an instance needs may differ from what the plugin declares, and sizes buffers too.
+pub(super) fn check_needs(file: &Path, needs: &Needs) -> Result<(), Finding> {
+    if let Some(patch) = needs.terrain.as_ref().into_option()
+        && !patch_is_sound(patch)
+    {
+        let wanted = "0 to 3 m each way with points every 1 to 20 cm";
+        return Err(Finding::new(file, "needs.terrain", format!("{patch:?}"), wanted));
     }
     Ok(())
 }
@@ -64,7 +70,7 @@ fn parameter_is_sound(parameter: &Parameter) -> bool {
 #[cfg(test)]
 mod tests {
     use abi_stable::std_types::{RSome, RVec};
-    use vocaloco_plugin_api::{CommandKind, Needs};
+    use vocaloco_plugin_api::CommandKind;
 
     use super::*;
 
@@ -78,6 +84,7 @@ mod tests {
             command: CommandKind::Velocity,
             forward_m_per_s: Range { min: -0.2, max: 0.7 },
             needs: Needs {
+                policy: false,
                 terrain: RSome(TerrainPatch {
                     back_m: 0.7,
                     front_m: 1.3,

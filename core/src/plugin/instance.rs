@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use abi_stable::std_types::RSliceMut;
 use vocaloco_plugin_api::abi::BoxedInstance;
-use vocaloco_plugin_api::{Command, ErrorCode, JointTarget, RobotDescription, RobotState, SkillError};
+use vocaloco_plugin_api::{Command, ErrorCode, JointTarget, Needs, RobotDescription, RobotState, SkillError};
 
 use super::PluginLibrary;
 
@@ -17,6 +17,7 @@ use super::PluginLibrary;
 pub struct PluginInstance {
     instance: BoxedInstance,
     library: Arc<PluginLibrary>,
+    needs: Needs,
     joints: usize,
     feet: usize,
     terrain_points: usize,
@@ -26,14 +27,15 @@ impl PluginInstance {
     pub(super) fn new(
         library: Arc<PluginLibrary>,
         instance: BoxedInstance,
+        needs: Needs,
         robot: &RobotDescription,
     ) -> Self {
-        let needs = &library.description().needs;
         Self {
             instance,
             joints: robot.joints.len(),
             feet: if needs.foot_contacts { robot.feet.len() } else { 0 },
             terrain_points: needs.terrain.as_ref().map_or(0, |patch| patch.rows() * patch.columns()),
+            needs,
             library,
         }
     }
@@ -41,6 +43,11 @@ impl PluginInstance {
     /// The plugin it belongs to.
     pub fn library(&self) -> &Arc<PluginLibrary> {
         &self.library
+    }
+
+    /// What it reads each tick.
+    pub fn needs(&self) -> &Needs {
+        &self.needs
     }
 
     /// Forget everything: called when the skill becomes active.
@@ -71,7 +78,7 @@ impl PluginInstance {
     fn check(&self, state: &RobotState<'_>) -> Result<(), SkillError> {
         self.length("joint_position_rad", state.joint_position_rad.len(), self.joints)?;
         self.length("joint_velocity_rad_per_s", state.joint_velocity_rad_per_s.len(), self.joints)?;
-        if self.library.description().needs.joint_torques {
+        if self.needs.joint_torques {
             self.length("joint_torque_nm", state.joint_torque_nm.len(), self.joints)?;
         }
         if self.feet > 0 {

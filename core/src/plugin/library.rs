@@ -9,10 +9,11 @@ use abi_stable::library::{AbiHeaderRef, LibraryError, RootModule};
 use abi_stable::std_types::RStr;
 use sha2::{Digest, Sha256};
 use vocaloco_plugin_api::abi::{LIBRARY_SYMBOL, SkillLibraryRef};
-use vocaloco_plugin_api::{Description, INTERFACE_VERSION, RobotDescription};
+use vocaloco_plugin_api::{Description, INTERFACE_VERSION, RobotDescription, SkillError};
 
 use super::{PluginError, PluginInstance, description, image};
 use crate::manifest::Finding;
+use crate::policy::PolicyNetwork;
 
 /// A loaded plugin. It stays loaded until the process ends.
 pub struct PluginLibrary {
@@ -133,14 +134,28 @@ impl PluginLibrary {
         &self.file
     }
 
-    /// A new instance for `robot`, from the text of a parameter file.
+    /// A new instance for `robot`, from the text of a parameter file, with no policy network.
     ///
     /// # Errors
-    /// The plugin refuses the text or the robot, or the robot lacks a joint the plugin drives.
+    /// As [`create_with`](Self::create_with).
     pub fn create(
         self: &Arc<Self>,
         parameters: &str,
         robot: &RobotDescription,
+    ) -> Result<PluginInstance, PluginError> {
+        self.create_with(parameters, robot, None)
+    }
+
+    /// A new instance for `robot`, from the text of a parameter file or a contract, with a handle to
+    /// `policy`.
+    ///
+    /// # Errors
+    /// The plugin refuses the text or the robot, or the robot lacks a joint the plugin drives.
+    pub fn create_with(
+        self: &Arc<Self>,
+        parameters: &str,
+        robot: &RobotDescription,
+        policy: Option<&PolicyNetwork>,
     ) -> Result<PluginInstance, PluginError> {
         for joint in &self.description.joints {
             if !robot.joints.iter().any(|known| known.name == *joint) {
@@ -148,12 +163,16 @@ impl PluginLibrary {
                 return Err(PluginError::Create(Finding::new(&self.file, "joints", joint, wanted)));
             }
         }
-        let instance =
-            (self.root.create())(RStr::from_str(parameters), robot).into_result().map_err(|error| {
-                let wanted = format!("parameters and a robot that {} takes", self.description.name);
-                PluginError::Create(Finding::new(&self.file, "parameters", &error.message, wanted))
-            })?;
-        Ok(PluginInstance::new(Arc::clone(self), instance, robot))
+        let refused = |error: SkillError| {
+            let wanted = format!("parameters and a robot that {} takes", self.description.name);
+            PluginError::Create(Finding::new(&self.file, "parameters", &error.message, wanted))
+        };
+        let policy = policy.map(PolicyNetwork::handle).into();
+        let instance = (self.root.create())(RStr::from_str(parameters), robot, policy);
+        let instance = instance.into_result().map_err(refused)?;
+        let needs = instance.needs().into_result().map_err(refused)?;
+        description::check_needs(&self.file, &needs).map_err(PluginError::Create)?;
+        Ok(PluginInstance::new(Arc::clone(self), instance, needs, robot))
     }
 }
 

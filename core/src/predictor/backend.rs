@@ -37,7 +37,7 @@ pub fn backend() -> &'static Backend {
 }
 
 /// A session on one thread.
-pub(super) fn session(model: &[u8]) -> Result<Session, ort::Error> {
+pub(crate) fn session(model: &[u8]) -> Result<Session, ort::Error> {
     let chosen = chosen();
     let environment = chosen.environment.as_ref().map_err(ort::Error::new)?;
     let mut builder = Session::builder(environment)?;

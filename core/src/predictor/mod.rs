@@ -3,8 +3,8 @@
 //! A file passes the guard before any model runtime sees it; what goes in and what comes out is
 //! checked on every prediction, because runtimes differ in what they make of a NaN.
 
-mod backend;
-mod guard;
+pub(crate) mod backend;
+pub(crate) mod guard;
 #[cfg(test)]
 pub(crate) mod network;
 #[cfg(test)]

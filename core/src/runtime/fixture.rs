@@ -102,7 +102,12 @@ pub(crate) fn skill(name: &str, fake: &Fake) -> Skill {
                 target_distance_m: None,
             },
         },
-        needs: Needs { terrain: ROption::RSome(patch), foot_contacts: true, joint_torques: false },
+        needs: Needs {
+            policy: false,
+            terrain: ROption::RSome(patch),
+            foot_contacts: true,
+            joint_torques: false,
+        },
         controller: Box::new(fake.clone()),
         predictors: Box::new(fake.clone()),
     }

@@ -116,7 +116,7 @@ impl Runtime {
                 return Err(RuntimeError::PositionTarget(rule.name));
             }
             let controller = Box::new(skill.create(&loaded.robot.description)?);
-            let needs = skill.library.description().needs;
+            let needs = skill.needs;
             let (Some(viability), Some(cot)) = (skill.viability, skill.cot) else {
                 return Err(RuntimeError::NoPredictors(rule.name));
             };

@@ -16,10 +16,13 @@ use abi_stable::{
     library::RootModule,
     package_version_strings, sabi_trait,
     sabi_types::VersionStrings,
-    std_types::{RBox, RResult, RSliceMut, RStr},
+    std_types::{RBox, ROption, RResult, RSlice, RSliceMut, RStr},
 };
 
-use crate::{Command, Description, ErrorCode, JointTarget, RobotDescription, RobotState, Skill, SkillError};
+use crate::{
+    Command, Description, ErrorCode, Host, JointTarget, Needs, RobotDescription, RobotState, Skill,
+    SkillError,
+};
 
 /// Symbol under which a skill library exports its root module.
 pub const LIBRARY_SYMBOL: &[u8] = b"vocaloco_skill_library\0";
@@ -29,6 +32,8 @@ pub const LIBRARY_SYMBOL: &[u8] = b"vocaloco_skill_library\0";
 pub trait Instance: Send {
     /// See [`Skill::reset`].
     fn reset(&mut self, state: &RobotState<'_>) -> RResult<(), SkillError>;
+    /// See [`Skill::needs`].
+    fn needs(&self) -> RResult<Needs, SkillError>;
     /// See [`Skill::act`].
     #[sabi(last_prefix_field)]
     fn act(
@@ -42,6 +47,21 @@ pub trait Instance: Send {
 /// An owned instance.
 pub type BoxedInstance = Instance_TO<'static, RBox<()>>;
 
+/// A policy network that the host runs, seen from the plugin; one to an instance.
+#[sabi_trait]
+pub trait PolicyModel: Send {
+    /// Number of values that go in.
+    fn input_len(&self) -> usize;
+    /// Number of values that come out.
+    fn output_len(&self) -> usize;
+    /// Runs it, with slices of these lengths; the same input gives the same bytes.
+    #[sabi(last_prefix_field)]
+    fn run(&mut self, input: RSlice<'_, f32>, output: RSliceMut<'_, f32>) -> RResult<(), SkillError>;
+}
+
+/// An owned handle of a policy network.
+pub type BoxedPolicy = PolicyModel_TO<'static, RBox<()>>;
+
 /// The root module of a skill library.
 #[repr(C)]
 #[derive(StableAbi)]
@@ -54,7 +74,11 @@ pub struct SkillLibrary {
     pub describe: extern "C" fn() -> RResult<Description, SkillError>,
     /// See [`Skill::create`].
     #[sabi(last_prefix_field)]
-    pub create: extern "C" fn(RStr<'_>, &RobotDescription) -> RResult<BoxedInstance, SkillError>,
+    pub create: extern "C" fn(
+        RStr<'_>,
+        &RobotDescription,
+        ROption<BoxedPolicy>,
+    ) -> RResult<BoxedInstance, SkillError>,
 }
 
 impl RootModule for SkillLibraryRef {
@@ -86,6 +110,10 @@ impl<S: Skill> Instance for Fence<S> {
         fenced("reset", || self.0.reset(state))
     }
 
+    fn needs(&self) -> RResult<Needs, SkillError> {
+        fenced("needs", || Ok(self.0.needs()))
+    }
+
     fn act(
         &mut self,
         state: &RobotState<'_>,
@@ -105,9 +133,10 @@ pub extern "C" fn describe<S: Skill>() -> RResult<Description, SkillError> {
 pub extern "C" fn create<S: Skill>(
     parameters: RStr<'_>,
     robot: &RobotDescription,
+    policy: ROption<BoxedPolicy>,
 ) -> RResult<BoxedInstance, SkillError> {
     fenced("create", || {
-        let skill = S::create(parameters.as_str(), robot)?;
+        let skill = S::create(parameters.as_str(), robot, Host::new(policy))?;
         Ok(Instance_TO::from_value(Fence(skill), abi_stable::sabi_trait::TD_Opaque))
     })
 }

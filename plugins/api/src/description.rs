@@ -54,10 +54,12 @@ impl TerrainPatch {
     }
 }
 
-/// What a plugin needs from its host each tick.
+/// What a plugin needs from its host.
 #[repr(C)]
 #[derive(StableAbi, Clone, Copy, Debug, PartialEq)]
 pub struct Needs {
+    /// A policy network, which the host runs; see [`Host`](crate::Host).
+    pub policy: bool,
     /// Terrain heights, if any.
     pub terrain: ROption<TerrainPatch>,
     /// Foot contacts, in the order of [`RobotDescription::feet`](crate::RobotDescription).
@@ -110,7 +112,7 @@ pub struct Description {
     pub command: CommandKind,
     /// Forward velocity that it can follow, m/s (velocity commands).
     pub forward_m_per_s: Range,
-    /// What it reads each tick.
+    /// What it reads each tick, unless an instance says otherwise; see [`Skill::needs`](crate::Skill).
     pub needs: Needs,
     /// Its tunable numbers.
     pub parameters: RVec<Parameter>,

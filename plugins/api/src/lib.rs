@@ -10,6 +10,7 @@ pub mod action;
 pub mod contract;
 mod description;
 mod error;
+mod host;
 pub mod observation;
 mod robot;
 mod skill;
@@ -17,9 +18,10 @@ mod state;
 
 pub use description::{CommandKind, Description, Needs, Parameter, Range, Scale, TerrainPatch};
 pub use error::{ErrorCode, SkillError};
+pub use host::{Host, Policy};
 pub use robot::{FootDescription, JointDescription, RobotDescription};
 pub use skill::Skill;
 pub use state::{Command, JointTarget, RobotState};
 
 /// Version of this interface; a plugin built against another one is refused at load.
-pub const INTERFACE_VERSION: u32 = 1;
+pub const INTERFACE_VERSION: u32 = 2;

@@ -3,8 +3,8 @@
 use nalgebra::{Vector2, Vector3};
 use vocaloco_plugin_api::abi::abi_stable::std_types::{ROption::RSome, RVec};
 use vocaloco_plugin_api::{
-    Command, CommandKind, Description, ErrorCode, JointTarget, Needs, Range, RobotDescription, RobotState,
-    Skill, SkillError,
+    Command, CommandKind, Description, ErrorCode, Host, JointTarget, Needs, Range, RobotDescription,
+    RobotState, Skill, SkillError,
 };
 
 use crate::{
@@ -89,12 +89,12 @@ impl Skill for Gait {
             rate_hz: RATE_HZ,
             command: CommandKind::Velocity,
             forward_m_per_s: Range { min: 0.0, max: 0.8 },
-            needs: Needs { terrain: RSome(PATCH), foot_contacts: true, joint_torques: false },
+            needs: Needs { policy: false, terrain: RSome(PATCH), foot_contacts: true, joint_torques: false },
             parameters: Parameters::table().into(),
         }
     }
 
-    fn create(parameters: &str, robot: &RobotDescription) -> Result<Self, SkillError> {
+    fn create(parameters: &str, robot: &RobotDescription, _host: Host) -> Result<Self, SkillError> {
         let parameters = Parameters::parse(parameters)?;
         let legs: [Leg; 4] = Leg::of(robot)?.try_into().map_err(|legs: Vec<Leg>| {
             SkillError::new(
@@ -496,7 +496,7 @@ mod tests {
     /// ground 5 cm below it, with contact on every foot but, from the third tick on, the first.
     fn lowered_m(contact_is_lost: bool) -> f64 {
         let robot = quadruped();
-        let mut gait = Gait::create("", &robot).unwrap();
+        let mut gait = Gait::create("", &robot, Host::default()).unwrap();
         let stand: Vec<f32> = robot.joints.iter().map(|joint| joint.stand_rad as f32).collect();
         let still = vec![0.0; stand.len()];
         let q = |leg: &Leg| leg.joints.map(|joint| f64::from(stand[joint])).into();

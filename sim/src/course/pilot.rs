@@ -9,7 +9,7 @@ use vocaloco_core::{
     plugin::PluginInstance,
     runtime::Runtime,
 };
-use vocaloco_plugin_api::{Command, Description, TerrainPatch};
+use vocaloco_plugin_api::{Command, TerrainPatch};
 
 use super::{CourseConfig, CourseError};
 use crate::{
@@ -187,10 +187,10 @@ impl<'a> SkillPilot<'a> {
         config: &CourseConfig,
         plant: &'a mut Plant,
         terrain: &'a Terrain,
-        (name, description, instance): (&str, &Description, &'a mut PluginInstance),
+        (name, instance): (&str, &'a mut PluginInstance),
     ) -> Self {
         let rng = stream(config.seed, "course_sensors", &[config.rollout]);
-        let driver = Driver::new(plant, terrain, instance, description, config.noise, rng);
+        let driver = Driver::new(plant, terrain, instance, config.noise, rng);
         Self { name: name.to_owned(), driver, started: false, ticks: 0 }
     }
 }

@@ -57,8 +57,11 @@ pub struct SkillId {
     pub plugin_version: String,
     /// SHA-256 over the plugin's source files, where they are at hand.
     pub plugin_source_sha256: Option<String>,
-    /// SHA-256 of the parameter text.
+    /// SHA-256 of the parameter text, or of the policy's contract.
     pub parameters_sha256: String,
+    /// SHA-256 of the policy network, where it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub policy_sha256: Option<String>,
 }
 
 /// A physics engine.

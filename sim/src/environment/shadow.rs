@@ -31,9 +31,10 @@ impl Shadow {
         patch_noise_m: f32,
         rng: ChaCha8Rng,
     ) -> Option<Self> {
+        let instance = skill.instance(Some(phase), robot).ok()?;
         Some(Self {
-            instance: skill.instance(Some(phase), robot).ok()?,
-            patch: skill.description().needs.terrain.into_option(),
+            patch: instance.needs().terrain.into_option(),
+            instance,
             eyes: Sensors::new(SensorNoise { patch_m: patch_noise_m, ..SensorNoise::NONE }, rng),
             targets: vec![JointTarget::default(); robot.joint_count()],
             acted_at: None,

@@ -144,10 +144,8 @@ impl Trial<'_> {
         let Ok(mut instance) = self.skill.instance(chance.initial_phase, plant.robot()) else {
             return Rollout::fault_at_start(motion);
         };
-        let description = self.skill.description();
-        let mut driver =
-            Driver::new(plant, self.terrain, &mut instance, description, chance.noise, chance.noise_stream())
-                .late_by(chance.latency_ticks);
+        let mut driver = Driver::new(plant, self.terrain, &mut instance, chance.noise, chance.noise_stream())
+            .late_by(chance.latency_ticks);
         let end = self.drive(&mut driver, &path, chance.push, &mut motion);
         let [distance_m, _] = path.displacement_m(&plant.measure().base);
         let cot = |work_j: f64| {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use thiserror::Error;
 use vocaloco_core::{
     plugin::{PluginError, PluginInstance, PluginLibrary},
+    policy::PolicyNetwork,
     registry::LoadedSkill,
     robot::RobotModel,
 };
@@ -20,6 +21,7 @@ pub struct RolledSkill {
     pub name: String,
     library: Arc<PluginLibrary>,
     parameters: String,
+    policy: Option<PolicyNetwork>,
     /// The same, parsed, where the plugin offers a phase.
     table: Option<toml::Table>,
 }
@@ -62,6 +64,20 @@ impl RolledSkill {
         parameters: &str,
         robot: &RobotModel,
     ) -> Result<Self, SkillRefused> {
+        Self::with_policy(name, library, parameters, None, robot)
+    }
+
+    /// The same with a policy network, whose contract is the parameter text.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_policy(
+        name: &str,
+        library: Arc<PluginLibrary>,
+        parameters: &str,
+        policy: Option<PolicyNetwork>,
+        robot: &RobotModel,
+    ) -> Result<Self, SkillRefused> {
         if library.description().command != CommandKind::Velocity {
             return Err(SkillRefused::Command { skill: name.to_owned() });
         }
@@ -71,7 +87,7 @@ impl RolledSkill {
             skill: name.to_owned(),
             source: Box::new(source),
         })?;
-        let skill = Self { name: name.to_owned(), library, parameters: parameters.to_owned(), table };
+        let skill = Self { name: name.to_owned(), library, parameters: parameters.to_owned(), policy, table };
         let plugin_error = |source| SkillRefused::Plugin { skill: name.to_owned(), source };
         skill.instance(Some(0.5), robot).map_err(plugin_error)?;
         Ok(skill)
@@ -82,7 +98,8 @@ impl RolledSkill {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn from_loaded(loaded: &LoadedSkill, robot: &RobotModel) -> Result<Self, SkillRefused> {
-        Self::new(&loaded.manifest.name, Arc::clone(&loaded.library), &loaded.parameters, robot)
+        let (library, policy) = (Arc::clone(&loaded.library), loaded.policy.clone());
+        Self::with_policy(&loaded.manifest.name, library, &loaded.parameters, policy, robot)
     }
 
     /// What the plugin says of itself.
@@ -100,18 +117,24 @@ impl RolledSkill {
         &self.parameters
     }
 
+    /// The policy network, where it has one.
+    pub fn policy(&self) -> Option<&PolicyNetwork> {
+        self.policy.as_ref()
+    }
+
     /// A fresh instance that starts at `phase` of its cycle, if the plugin offers that.
     ///
     /// # Errors
     /// What the plugin reports.
     pub fn instance(&self, phase: Option<f32>, robot: &RobotModel) -> Result<PluginInstance, PluginError> {
+        let policy = self.policy.as_ref();
         match (phase, &self.table) {
             (Some(phase), Some(table)) => {
                 let mut parameters = table.clone();
                 parameters.insert(PHASE.to_owned(), toml::Value::Float(f64::from(phase)));
-                self.library.create(&parameters.to_string(), &robot.description)
+                self.library.create_with(&parameters.to_string(), &robot.description, policy)
             }
-            _ => self.library.create(&self.parameters, &robot.description),
+            _ => self.library.create_with(&self.parameters, &robot.description, policy),
         }
     }
 }

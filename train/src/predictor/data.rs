@@ -119,9 +119,11 @@ fn collected_by(set: &Dataset) -> anyhow::Result<String> {
     let rollouts: u64 = set.rollouts.iter().map(|n| u64::from(*n)).sum();
     let source = meta.skill.plugin_source_sha256.as_ref();
     let source = source.map_or("not at hand".to_owned(), |sha256| format!("sha256 `{sha256}`"));
+    let policy = meta.skill.policy_sha256.as_ref();
+    let policy = policy.map_or(String::new(), |sha256| format!(", policy sha256 `{sha256}`"));
     Ok(format!(
         "`vocaloco collect`, {} rows drawn, {} stored, {rollouts} rollouts; robot {}, plugin {} {}, its \
-         source {}, parameters sha256 `{}`, {} {}, config `{}`",
+         source {}, parameters sha256 `{}`{policy}, {} {}, config `{}`",
         meta.rows,
         set.len(),
         meta.robot.name,

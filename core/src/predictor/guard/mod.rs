@@ -1,4 +1,4 @@
-//! The door for predictor files: what is refused here no model runtime ever sees.
+//! The door for model files: what is refused here no model runtime ever sees.
 //!
 //! A runtime may abort the process on a hostile file (a huge declared tensor does it in 209 bytes),
 //! so the file is decoded as plain protobuf and everything that sizes memory or time is checked:
@@ -6,11 +6,15 @@
 //! value on the way from input to output. Only the operators of small feed-forward networks pass.
 
 mod attributes;
+mod policy;
 mod shapes;
 mod tensor;
 
 use prost::Message;
 use tract_onnx::pb::{self, type_proto, type_proto::Value};
+
+pub(crate) use policy::{MAX_POLICY_BYTES, PolicyFile, check_policy};
+pub(crate) use tensor::floats;
 
 use super::Quantity;
 use crate::heightfield::{COLUMNS, ROWS};
@@ -28,14 +32,14 @@ pub(super) const INPUT: &str = "heightfield";
 
 /// What is wrong with a model, without the file's name.
 #[derive(Debug, PartialEq)]
-pub(super) struct Fault {
-    pub(super) field: String,
-    pub(super) found: String,
-    pub(super) wanted: String,
+pub(crate) struct Fault {
+    pub(crate) field: String,
+    pub(crate) found: String,
+    pub(crate) wanted: String,
 }
 
 impl Fault {
-    pub(super) fn new(
+    pub(crate) fn new(
         field: impl Into<String>,
         found: impl std::fmt::Display,
         wanted: impl std::fmt::Display,
@@ -58,24 +62,33 @@ fn short(text: &str) -> String {
 /// # Errors
 /// The first thing that is not as it should be.
 pub(super) fn check(bytes: &[u8], quantity: Quantity) -> Result<(), Fault> {
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(Fault::new("file", format!("{} bytes", bytes.len()), at_most(MAX_BYTES, "bytes")));
+    let (_, graph) = decode(bytes, MAX_BYTES)?;
+    signature("input", &graph.input, INPUT, &[1, 1, ROWS, COLUMNS])?;
+    signature("output", &graph.output, quantity.output(), &[1, 1])?;
+    let shapes = shapes::follow(&graph, INPUT, &[1, 1, ROWS, COLUMNS])?;
+    match shapes.get(quantity.output()).map(Vec::as_slice) {
+        Some([1, 1]) => Ok(()),
+        found => {
+            let found = format!("{}: computed as {found:?}", quantity.output());
+            Err(Fault::new("output", found, "[1, 1] for one field"))
+        }
     }
-    let model = pb::ModelProto::decode(bytes)
+}
+
+/// The model less its graph, and the graph, with what sizes them inside the bounds.
+fn decode(bytes: &[u8], max_bytes: u64) -> Result<(pb::ModelProto, pb::GraphProto), Fault> {
+    if bytes.len() as u64 > max_bytes {
+        return Err(Fault::new("file", format!("{} bytes", bytes.len()), at_most(max_bytes, "bytes")));
+    }
+    let mut model = pb::ModelProto::decode(bytes)
         .map_err(|error| Fault::new("file", error, "a whole ONNX model in protobuf"))?;
     opset(&model)?;
     if !model.functions.is_empty() || !model.training_info.is_empty() {
         return Err(Fault::new("model", "functions or training information", "a plain graph"));
     }
-    let graph = model.graph.as_ref().ok_or_else(|| Fault::new("graph", "nothing", "a graph"))?;
-    counts(graph)?;
-    signature("input", &graph.input, INPUT, &[1, 1, ROWS, COLUMNS])?;
-    signature("output", &graph.output, quantity.output(), &[1, 1])?;
-    let mut tensors = tensor::Tensors::default();
-    for initializer in &graph.initializer {
-        tensors.insert(&initializer.name, initializer)?;
-    }
-    shapes::check(graph, tensors, quantity.output())
+    let graph = model.graph.take().ok_or_else(|| Fault::new("graph", "nothing", "a graph"))?;
+    counts(&graph)?;
+    Ok((model, graph))
 }
 
 fn opset(model: &pb::ModelProto) -> Result<(), Fault> {

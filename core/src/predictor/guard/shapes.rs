@@ -1,31 +1,35 @@
-//! The shape of every value from input to output, for a batch of one.
+//! The shape of every value, for a batch of one.
+
+use std::collections::BTreeMap;
 
 use tract_onnx::pb;
 
 use super::attributes::Attributes;
 use super::tensor::Tensors;
-use super::{Fault, INPUT, default_domain};
-use crate::heightfield::{COLUMNS, ROWS};
+use super::{Fault, default_domain};
 
 /// Most multiply-adds for one prediction; the network of the method has 247 thousand.
 const MAX_WORK: usize = 50_000_000;
 
-/// Follows the shapes through the graph to `output`.
+/// Checks every tensor, follows the shapes through the graph from `input`, and gives each value's.
 ///
 /// # Errors
-/// An operator, attribute or shape that does not fit, or too much work.
-pub(super) fn check(graph: &pb::GraphProto, tensors: Tensors, output: &str) -> Result<(), Fault> {
+/// A tensor, operator, attribute or shape that does not fit, or too much work.
+pub(super) fn follow(
+    graph: &pb::GraphProto,
+    input: &str,
+    shape: &[usize],
+) -> Result<BTreeMap<String, Vec<usize>>, Fault> {
+    let mut tensors = Tensors::default();
+    for initializer in &graph.initializer {
+        tensors.insert(&initializer.name, initializer)?;
+    }
+    tensors.define(input, shape.to_vec())?;
     let mut graph_shapes = Shapes { tensors, work: 0 };
-    graph_shapes.tensors.define(INPUT, vec![1, 1, ROWS, COLUMNS])?;
     for node in &graph.node {
         graph_shapes.node(node)?;
     }
-    match graph_shapes.tensors.shapes.get(output).map(Vec::as_slice) {
-        Some([1, 1]) => Ok(()),
-        found => {
-            Err(Fault::new("output", format!("{output}: computed as {found:?}"), "[1, 1] for one field"))
-        }
-    }
+    Ok(graph_shapes.tensors.shapes)
 }
 
 struct Shapes {

@@ -104,6 +104,14 @@ fn check(name: &str, tensor: &pb::TensorProto) -> Result<Vec<usize>, Fault> {
     Ok(shape)
 }
 
+/// The values of an f32 tensor that passed.
+pub(crate) fn floats(tensor: &pb::TensorProto) -> Vec<f32> {
+    if tensor.raw_data.is_empty() {
+        return tensor.float_data.clone();
+    }
+    tensor.raw_data.as_chunks().0.iter().map(|&raw| f32::from_le_bytes(raw)).collect()
+}
+
 fn integers(tensor: &pb::TensorProto) -> Vec<i64> {
     if tensor.raw_data.is_empty() {
         return tensor.int64_data.clone();

@@ -19,11 +19,11 @@ use crate::contract::{ContractError, inside};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeightPatch {
-    /// Distance behind the base, m.
+    /// Distance behind the base, m, at most 1.
     pub back_m: f64,
-    /// Distance ahead of the base, m.
+    /// Distance ahead of the base, m, at most 2.
     pub front_m: f64,
-    /// Distance to the left and to the right, m.
+    /// Distance to the left and to the right, m, at most 0.5.
     pub half_width_m: f64,
     /// Spacing of the points in both directions, m.
     pub resolution_m: f64,
@@ -59,10 +59,13 @@ impl HeightPatch {
     }
 
     pub(crate) fn check(&self, field: &str) -> Result<(), ContractError> {
-        for (part, length_m) in
-            [("back_m", self.back_m), ("front_m", self.front_m), ("half_width_m", self.half_width_m)]
-        {
-            inside(format!("{field}.{part}"), length_m, 0.0..=3.0)?;
+        // What every source of elevation covers: beyond it nothing would be known, ever.
+        for (part, length_m, most_m) in [
+            ("back_m", self.back_m, 1.0),
+            ("front_m", self.front_m, 2.0),
+            ("half_width_m", self.half_width_m, 0.5),
+        ] {
+            inside(format!("{field}.{part}"), length_m, 0.0..=most_m)?;
         }
         inside(format!("{field}.resolution_m"), self.resolution_m, 0.01..=0.2)?;
         inside(format!("{field}.offset_m"), self.offset_m, -5.0..=5.0)?;

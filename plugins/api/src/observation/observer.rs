@@ -152,6 +152,7 @@ impl Observer {
         let has = |term| self.slots.iter().any(|slot| slot.term == term);
         let patch = self.slots.iter().find_map(|slot| slot.patch);
         Needs {
+            policy: true,
             terrain: patch.map_or(RNone, |patch| ROption::RSome(patch.terrain())),
             foot_contacts: has(Term::FootContact),
             joint_torques: has(Term::JointTorque),

@@ -182,6 +182,8 @@ fn a_term_that_lacks_or_has_too_much_is_refused_by_field() {
     let uneven = HeightPatch { front_m: 0.13, ..patch(HeightOrder::default()) };
     assert_eq!(refused(ObservationTerm::heights(uneven, 1.0)), "observation[0].patch.front_m");
     assert_eq!(refused(with_history(Term::FootContact, 0)), "observation[0].history");
+    let wide = HeightPatch { half_width_m: 0.6, ..patch(HeightOrder::default()) };
+    assert_eq!(refused(ObservationTerm::heights(wide, 1.0)), "observation[0].patch.half_width_m");
 }
 
 #[test]

@@ -3,8 +3,8 @@
 
 use vocaloco_plugin_api::abi::abi_stable::std_types::{RNone, RVec};
 use vocaloco_plugin_api::{
-    Command, CommandKind, Description, ErrorCode, JointTarget, Needs, Range, RobotDescription, RobotState,
-    Skill, SkillError,
+    Command, CommandKind, Description, ErrorCode, Host, JointTarget, Needs, Range, RobotDescription,
+    RobotState, Skill, SkillError,
 };
 
 /// How it misbehaves in `act`, from the tick `after_ticks` on.
@@ -49,12 +49,12 @@ impl Skill for Faulty {
             rate_hz: 50.0,
             command: CommandKind::Velocity,
             forward_m_per_s: Range { min: -1.0, max: 1.0 },
-            needs: Needs { terrain: RNone, foot_contacts: false, joint_torques: false },
+            needs: Needs { policy: false, terrain: RNone, foot_contacts: false, joint_torques: false },
             parameters: RVec::new(),
         }
     }
 
-    fn create(parameters: &str, robot: &RobotDescription) -> Result<Self, SkillError> {
+    fn create(parameters: &str, robot: &RobotDescription, _host: Host) -> Result<Self, SkillError> {
         let mut words = parameters.split_whitespace();
         let fault = match words.next() {
             None | Some("none") => Fault::None,

@@ -5,8 +5,8 @@ use vocaloco_plugin_api::abi::abi_stable::library::{
     __call_root_module_loader, CheckTypeLayout, LibHeader, RootModuleResult,
 };
 use vocaloco_plugin_api::abi::abi_stable::prefix_type::PrefixTypeTrait;
-use vocaloco_plugin_api::abi::abi_stable::std_types::{RResult, RStr};
-use vocaloco_plugin_api::abi::{BoxedInstance, SkillLibrary, SkillLibraryRef};
+use vocaloco_plugin_api::abi::abi_stable::std_types::{ROption, RResult, RStr};
+use vocaloco_plugin_api::abi::{BoxedInstance, BoxedPolicy, SkillLibrary, SkillLibraryRef};
 use vocaloco_plugin_api::{Description, ErrorCode, INTERFACE_VERSION, RobotDescription, SkillError};
 
 /// The host must not get as far as calling this.
@@ -15,7 +15,11 @@ extern "C" fn describe() -> RResult<Description, SkillError> {
 }
 
 /// Nor this.
-extern "C" fn create(_: RStr<'_>, _: &RobotDescription) -> RResult<BoxedInstance, SkillError> {
+extern "C" fn create(
+    _: RStr<'_>,
+    _: &RobotDescription,
+    _: ROption<BoxedPolicy>,
+) -> RResult<BoxedInstance, SkillError> {
     RResult::RErr(SkillError::new(ErrorCode::Internal, "called in spite of the version"))
 }
 
