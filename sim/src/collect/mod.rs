@@ -5,6 +5,7 @@ mod config;
 mod mixture;
 mod row;
 mod run_log;
+pub mod speed;
 
 use std::{ops::Range, path::Path, sync::Arc};
 
