@@ -5,3 +5,4 @@ pub mod onnx;
 pub mod policy_learning;
 pub mod policy_search;
 pub mod predictor;
+pub mod train_policy;

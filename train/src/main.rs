@@ -4,7 +4,7 @@
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use vocaloco_train::{policy_search, predictor::training};
+use vocaloco_train::{predictor::training, train_policy};
 
 #[derive(Parser)]
 #[command(name = "vocaloco-train", version, about = "Learning for VOCALoco")]
@@ -17,14 +17,14 @@ struct Cli {
 enum Verb {
     /// Fit a skill's two predictors to its data set
     Train(training::Args),
-    /// Find a policy's parameters in the simulator
-    TrainPolicy(policy_search::Args),
+    /// Train a skill's policy in the simulator: imitation and PPO, or CMA-ES
+    TrainPolicy(train_policy::Args),
 }
 
 fn main() -> ExitCode {
     let ended = match Cli::parse().verb {
         Verb::Train(args) => training::run(&args),
-        Verb::TrainPolicy(args) => policy_search::run(&args),
+        Verb::TrainPolicy(args) => train_policy::run(&args),
     };
     ended.unwrap_or_else(|error| {
         // `{:#}` is the whole chain in one line: what failed, then why.

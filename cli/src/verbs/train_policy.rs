@@ -5,7 +5,7 @@ use std::ffi::OsString;
 use super::{Shared, train};
 use crate::exit::Exit;
 
-/// Find a policy's parameters in the simulator.
+/// Train a skill's policy in the simulator: imitation and PPO, or CMA-ES.
 #[derive(clap::Args)]
 #[command(disable_help_flag = true)]
 pub(crate) struct Args {

@@ -27,6 +27,9 @@ pub struct Trace<'a> {
 /// | `discount` | γ, 0 to 1 |
 /// | `trace_decay` | λ, 0 to 1: 0 trusts the critic, 1 the rewards |
 ///
+/// # Panics
+/// Fewer values than steps and time-outs, which is our bug.
+///
 /// # Source
 /// Schulman et al., *High-dimensional continuous control using generalised advantage estimation*, ICLR 2016,
 /// eq. 16; Pardo et al., *Time limits in reinforcement learning*, ICML 2018, for the time-outs.

@@ -122,6 +122,9 @@ impl Array<'_> {
 }
 
 /// The file's bytes; the same learner and run give the same.
+///
+/// # Panics
+/// Never: strings and numbers are written to memory.
 pub fn encode(learner: &Learner, run: &Run) -> Vec<u8> {
     let metadata = [
         ("config", run.config.clone()),

@@ -114,7 +114,7 @@ impl Default for ImitationConfig {
 ///
 /// # Source
 /// Schulman et al., *Proximal policy optimization algorithms*, 2017; figures as Rudin et al., *Learning to
-/// walk in minutes*, CoRL 2021.
+/// walk in minutes*, `CoRL` 2021.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PpoConfig {
@@ -128,6 +128,8 @@ pub struct PpoConfig {
     pub minibatches: usize,
     /// Learning rate at the start.
     pub learning_rate: f32,
+    /// Learning rate of the critic; left out, the policy's.
+    pub critic_learning_rate: Option<f32>,
     /// Divergence of the policy in an update that the learning rate is steered to.
     pub desired_divergence: f32,
     /// How far a probability ratio, and a value, may move in an update.
@@ -159,6 +161,7 @@ impl Default for PpoConfig {
             epochs: 5,
             minibatches: 4,
             learning_rate: 1e-3,
+            critic_learning_rate: None,
             desired_divergence: 0.01,
             clip: 0.2,
             discount: 0.99,
@@ -269,6 +272,8 @@ impl PpoConfig {
         count("ppo.epochs", self.epochs, 1, 100)?;
         count("ppo.minibatches", self.minibatches as u64, 1, 10_000)?;
         within("ppo.learning_rate", self.learning_rate.into(), 1e-8, 1.0)?;
+        let critic = self.critic_learning_rate.unwrap_or(self.learning_rate);
+        within("ppo.critic_learning_rate", critic.into(), 1e-8, 1.0)?;
         within("ppo.desired_divergence", self.desired_divergence.into(), 1e-6, 10.0)?;
         within("ppo.clip", self.clip.into(), 0.001, 10.0)?;
         within("ppo.discount", self.discount.into(), 0.0, 1.0)?;

@@ -10,7 +10,7 @@
 ///
 /// # Source
 /// Cody and Waite, *Software Manual for the Elementary Functions*, 1980: the two parts of ln 2.
-#[inline(always)]
+#[inline]
 pub(super) fn exp_of_negative(x: f32) -> f32 {
     /// 1.5·2²³: adding it rounds a small number to an integer, which then stands in the low bits.
     const ROUNDER: f32 = 12_582_912.0;
@@ -27,14 +27,14 @@ pub(super) fn exp_of_negative(x: f32) -> f32 {
 }
 
 /// `x` where it is positive, `eˣ − 1` where not.
-#[inline(always)]
+#[inline]
 pub(super) fn elu(x: f32) -> f32 {
     let below = exp_of_negative(if x > 0.0 { 0.0 } else { x }) - 1.0;
     if x > 0.0 { x } else { below }
 }
 
 /// Derivative of [`elu`] by `x`, told by its answer `y`: 1 where positive, `y + 1` where not.
-#[inline(always)]
+#[inline]
 pub(super) fn elu_slope(y: f32) -> f32 {
     if y > 0.0 { 1.0 } else { y + 1.0 }
 }

@@ -81,6 +81,7 @@ impl Learner {
     }
 
     /// Keeps networks and moments, forgets optimisers, spread, counts and levels: a start for another run.
+    #[must_use]
     pub fn restarted(mut self, plan: &Plan) -> Self {
         let weights = self.actor.parameters();
         self.policy[weights..].fill(libm::logf(plan.network.initial_std));

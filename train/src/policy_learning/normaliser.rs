@@ -52,7 +52,7 @@ impl Normaliser {
     /// Adds what another one saw.
     ///
     /// # Source
-    /// Chan, Golub and LeVeque (1983), eq. 1.5.
+    /// Chan, Golub and `LeVeque` (1983), eq. 1.5.
     pub fn merge(&mut self, other: &Self) {
         let count = self.count + other.count;
         if other.count == 0.0 {

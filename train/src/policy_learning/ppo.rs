@@ -2,7 +2,7 @@
 //!
 //! # Source
 //! Schulman et al., *Proximal policy optimization algorithms*, 2017; clipped value loss and the learning
-//! rate's rule as in Rudin et al., *Learning to walk in minutes*, CoRL 2021.
+//! rate's rule as in Rudin et al., *Learning to walk in minutes*, `CoRL` 2021.
 
 use rayon::prelude::*;
 use vocaloco_sim::stream::stream;
@@ -32,7 +32,20 @@ pub struct UpdateRecord {
     pub imitation_loss: f64,
 }
 
-/// Steps of all environments with what follows from them, and room for the gradients.
+/// What an update does besides its configuration.
+#[derive(Clone, Copy, Debug)]
+pub struct Turn {
+    /// The run's seed.
+    pub seed: u64,
+    /// Weight of the squared distance to the expert's action; 0 where none was asked.
+    pub imitation: f32,
+    /// Whether the policy is fitted; else the critic alone, and the learning rate stays.
+    pub fits_policy: bool,
+    /// Standard deviation that exploration keeps at least.
+    pub least_std: f32,
+}
+
+/// Room for the gradients of both networks.
 pub struct Ppo {
     policy: Descent,
     value: Descent,
@@ -219,17 +232,12 @@ impl Ppo {
     }
 
     /// One update from tracks of `config.steps` steps each.
-    ///
-    /// `fits_policy` false leaves the policy and the learning rate as they are.
     pub fn update(
         &mut self,
         learner: &mut Learner,
         tracks: &[Track],
         config: &PpoConfig,
-        least_std: f32,
-        imitation: f32,
-        fits_policy: bool,
-        seed: u64,
+        turn: Turn,
     ) -> UpdateRecord {
         let scalings = [learner.observation.scaling(), learner.privileged.scaling()];
         let judged = judge(learner, tracks, config, &scalings[1]);
@@ -240,13 +248,13 @@ impl Ppo {
         let rows = judged.old.len();
         let updates = config.epochs * config.minibatches as u64;
         for epoch in 0..config.epochs {
-            let mut rng = stream(seed, "policy_learning/minibatches", &[learner.iteration, epoch]);
+            let mut rng = stream(turn.seed, "policy_learning/minibatches", &[learner.iteration, epoch]);
             let order = shuffled(rows, &mut rng);
             for minibatch in 0..config.minibatches {
                 let batch = &order
                     [minibatch * rows / config.minibatches..(minibatch + 1) * rows / config.minibatches];
                 let count = batch.len() as f64;
-                if fits_policy {
+                if turn.fits_policy {
                     let loss = PolicyLoss {
                         tracks,
                         steps: config.steps,
@@ -255,7 +263,7 @@ impl Ppo {
                         old_spread: Spread { log_std: &old_log_std },
                         advantages: &judged.advantages,
                         clip: config.clip,
-                        imitation,
+                        imitation: turn.imitation,
                         share: 1.0 / batch.len() as f32,
                     };
                     let (gradient, sums) = self.policy.gradient(learner.weights(), batch, &loss);
@@ -283,10 +291,11 @@ impl Ppo {
                 record.value_loss += sums[0] / count / updates as f64;
                 let scale = clipping(&[&by_policy, by_value], config.longest_gradient);
                 let rate = learner.learning_rate;
-                learner.value_adam.step(&mut learner.value, by_value, scale, rate);
-                if fits_policy {
+                let value_rate = config.critic_learning_rate.unwrap_or(rate);
+                learner.value_adam.step(&mut learner.value, by_value, scale, value_rate);
+                if turn.fits_policy {
                     learner.policy_adam.step(&mut learner.policy, &by_policy, scale, rate);
-                    let least = libm::logf(least_std);
+                    let least = libm::logf(turn.least_std);
                     for log_std in &mut learner.policy[weights..] {
                         *log_std = log_std.max(least);
                     }

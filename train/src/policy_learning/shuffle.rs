@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 ///
 /// # Source
 /// Fisher and Yates (1938), as Durstenfeld (1964).
-pub fn shuffled(rows: usize, rng: &mut ChaCha8Rng) -> Vec<u32> {
+pub(super) fn shuffled(rows: usize, rng: &mut ChaCha8Rng) -> Vec<u32> {
     let mut order: Vec<u32> = (0..rows as u32).collect();
     for last in (1..rows).rev() {
         order.swap(last, rng.random_range(0..=last));

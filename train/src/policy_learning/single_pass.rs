@@ -96,7 +96,9 @@ mod tests {
         let network = Network::new(41, &[70, 33], 12);
         let mut rng = stream(3, "test/start", &[]);
         let mut parameters = network.start_values(1.0, &mut rng);
-        parameters.iter_mut().for_each(|p| *p += uniform(&mut rng, -0.01, 0.01));
+        for p in &mut parameters {
+            *p += uniform(&mut rng, -0.01, 0.01);
+        }
         let rows: Vec<f32> = (0..6 * 41).map(|k| uniform(&mut rng, -1.0, 1.0) * (k % 41) as f32).collect();
         let mut normaliser = Normaliser::new(41);
         normaliser.add(rows.chunks_exact(41));

@@ -3,6 +3,8 @@
 //! Physics is not saved. Instead every environment starts afresh at a segment's start from what (seed,
 //! segment, number, level) give, in a run that is never stopped as in one that is resumed: both are equal.
 
+use std::time::Instant;
+
 use anyhow::{Context, bail};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -11,7 +13,7 @@ use vocaloco_sim::stream::stream;
 use super::config::{ImitationConfig, Plan};
 use super::imitation::{Imitation, RoundRecord};
 use super::learner::{Learner, Widths};
-use super::ppo::{Ppo, UpdateRecord};
+use super::ppo::{Ppo, Turn, UpdateRecord};
 use super::task::Task;
 use super::track::{Episodes, Track};
 
@@ -64,6 +66,20 @@ pub struct ImitationRecord {
     pub fit: RoundRecord,
 }
 
+/// Time that went by, s.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Spent {
+    /// While environments were stepped.
+    pub drive_s: f64,
+    /// While networks were fitted.
+    pub learn_s: f64,
+}
+
+#[expect(clippy::disallowed_methods, reason = "time is told, and says when to stop; no result depends on it")]
+pub(super) fn now() -> Instant {
+    Instant::now()
+}
+
 /// Environments and what learns from them.
 pub struct Trainer<T> {
     plan: Plan,
@@ -73,6 +89,7 @@ pub struct Trainer<T> {
     /// What is learnt.
     pub learner: Learner,
     ppo: Ppo,
+    spent: Spent,
 }
 
 /// Widths of a task.
@@ -88,7 +105,12 @@ impl<T: Task> Trainer<T> {
     /// Goes on from `learner`; as many tasks as the plan has environments.
     pub fn new(plan: Plan, seed: u64, tasks: Vec<T>, learner: Learner) -> Self {
         let tracks = tasks.iter().map(|_| Track::default()).collect();
-        Self { ppo: Ppo::new(&learner), plan, seed, tasks, tracks, learner }
+        Self { ppo: Ppo::new(&learner), plan, seed, tasks, tracks, learner, spent: Spent::default() }
+    }
+
+    /// Where the time went.
+    pub fn spent(&self) -> Spent {
+        self.spent
     }
 
     /// Whether imitation is still to be done.
@@ -119,7 +141,9 @@ impl<T: Task> Trainer<T> {
             if labels == 0 {
                 bail!("imitation: found an environment without an expert, wanted one that answers");
             }
+            let since = now();
             let fit = imitation.fit(&mut self.learner, &self.tracks, &config, self.seed);
+            self.spent.learn_s += since.elapsed().as_secs_f64();
             self.learner.rounds += 1;
             told(&ImitationRecord {
                 round: round + 1,
@@ -163,22 +187,28 @@ impl<T: Task> Trainer<T> {
         let policy = self.learner.single_pass();
         let spread = self.learner.spread();
         let seed = self.seed;
+        let since = now();
         let tasks = self.tasks.par_iter_mut().zip(&mut self.tracks).enumerate();
         tasks.for_each(|(number, (task, track))| {
             track.clear();
             let mut rng = stream(seed, "policy_learning/exploration", &[iteration, number as u64]);
             track.explore(task, &policy, spread, config.steps, imitation > 0.0, &mut rng);
         });
+        self.spent.drive_s += since.elapsed().as_secs_f64();
         self.after_drive()?;
+        let since = now();
         let update = self.ppo.update(
             &mut self.learner,
             &self.tracks,
             &config,
-            self.plan.network.least_std,
-            imitation,
-            iteration >= config.critic_iterations,
-            seed,
+            Turn {
+                seed,
+                imitation,
+                fits_policy: iteration >= config.critic_iterations,
+                least_std: self.plan.network.least_std,
+            },
         );
+        self.spent.learn_s += since.elapsed().as_secs_f64();
         // After the update: within one, what drove and what is fitted see the same scaling.
         self.see_moments();
         self.learner.iteration += 1;
@@ -197,12 +227,14 @@ impl<T: Task> Trainer<T> {
         let (seed, round) = (self.seed, self.learner.rounds);
         let policy = self.learner.single_pass();
         let mixture = Imitation::mixture(config, round);
+        let since = now();
         let tasks = self.tasks.par_iter_mut().zip(&mut self.tracks).enumerate();
         tasks.for_each(|(number, (task, track))| {
             track.clear();
             let mut rng = stream(seed, "policy_learning/mixture", &[round, number as u64]);
             track.imitate(task, &policy, mixture, config.steps, &mut rng);
         });
+        self.spent.drive_s += since.elapsed().as_secs_f64();
         self.after_drive()
     }
 

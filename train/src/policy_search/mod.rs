@@ -19,7 +19,6 @@ use std::{
 };
 
 use anyhow::{Context, anyhow};
-use clap::Args as ClapArgs;
 use cmaes::{CMAESOptions, DVector};
 use indicatif::{ProgressBar, ProgressStyle};
 use vocaloco_core::{
@@ -32,47 +31,34 @@ use episode::{Arena, Score};
 use history::History;
 use space::Space;
 
-/// Optimise a structured controller's parameters in the simulator.
-///
-/// Reads skills/NAME/search.toml, searches with CMA-ES, judges the result on fresh episodes and
-/// writes the parameter file that the skill's manifest names.
-#[derive(Debug, ClapArgs)]
-pub struct Args {
+/// What the command line says.
+#[derive(Debug, Clone)]
+pub struct Options {
     /// The skill to optimise.
-    #[arg(long)]
-    skill: String,
+    pub skill: String,
     /// Robot, as named under manifests/robots.
-    #[arg(long, default_value = "anymal_d")]
-    robot: String,
+    pub robot: String,
     /// Seed of the search and of its episodes.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Stop after this many generations instead of the configured number.
-    #[arg(long)]
-    generations: Option<usize>,
-    /// First step of the search instead of the configured one: smaller to refine what was found.
-    #[arg(long, value_name = "SHARE")]
-    initial_step: Option<f64>,
-    /// Continue a stopped run with the same seed.
-    #[arg(long)]
-    resume: bool,
-    /// Start from this skill's present parameters (its own, or another's of the same plugin) instead
-    /// of search.toml's start.
-    #[arg(long, value_name = "SKILL")]
-    start_from: Option<String>,
-    /// Judge the present parameter file on the final episodes and write nothing.
-    #[arg(long)]
-    judge: bool,
-    /// Print the result as JSON.
-    #[arg(long)]
-    json: bool,
+    pub seed: u64,
+    /// Generations instead of the configured number.
+    pub generations: Option<usize>,
+    /// First step of the search instead of the configured one.
+    pub initial_step: Option<f64>,
+    /// Goes on with a stopped run of the same seed.
+    pub resume: bool,
+    /// Starts from this skill's present parameters instead of the configured start.
+    pub start_from: Option<String>,
+    /// Judges the present parameter file and writes nothing.
+    pub judge: bool,
+    /// Prints the result as JSON.
+    pub json: bool,
 }
 
 /// Runs the verb.
 ///
 /// # Errors
 /// What is missing or wrong in the skill, its search configuration or its plugin.
-pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
+pub fn run(args: &Options) -> anyhow::Result<ExitCode> {
     let installation = Installation::find()?;
     let robot = Arc::new(RobotModel::load(&installation.robots_folder(), &args.robot)?);
     let manifest = read_manifest(&installation, &args.skill)?;
@@ -106,6 +92,21 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// A structured controller with its present parameters, as the simulator rolls it out.
+///
+/// # Errors
+/// Its manifest, plugin or parameter file is missing or wrong.
+pub(crate) fn load_skill(
+    installation: &Installation,
+    robot: &RobotModel,
+    name: &str,
+) -> anyhow::Result<RolledSkill> {
+    let manifest = read_manifest(installation, name)?;
+    let library = PluginLibrary::open(&installation.plugin_path, &manifest.plugin)?;
+    let text = read(&parameter_file(installation, &manifest)?)?;
+    Ok(RolledSkill::new(name, library, &text, robot)?)
+}
+
 fn read_manifest(installation: &Installation, skill: &str) -> anyhow::Result<SkillManifest> {
     SkillManifest::read(&installation.skill_file(skill)).map_err(|finding| anyhow!("{finding}"))
 }
@@ -127,7 +128,7 @@ const WORST_COST: f64 = 10.0;
 const EXCESS_WEIGHT: f64 = 10.0;
 
 struct Search<'a> {
-    args: &'a Args,
+    args: &'a Options,
     config: SearchConfig,
     library: Arc<PluginLibrary>,
     robot: Arc<RobotModel>,
@@ -223,7 +224,7 @@ impl Search<'_> {
             .filter_map(|(name, value)| Some(format!(" --{name} {}", value.as_ref()?)))
             .collect();
         format!(
-            "# Found by: vocaloco train-policy --skill {} --seed {}{options}\n\
+            "# Found by: vocaloco train-policy --method cma --skill {} --seed {}{options}\n\
              # On {} fresh episodes over {} m ({} plant): {:.1} % reached, {:.1} % base contact, \
              {:.1} % out of time,\n# mean cost of transport {:.3}, mean speed {:.2} m/s.\n",
             self.args.skill,

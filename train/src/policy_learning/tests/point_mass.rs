@@ -90,8 +90,8 @@ impl Task for PointMass {
     }
 
     fn step(&mut self, action: &[f32]) -> Step {
-        for axis in 0..2 {
-            self.velocity[axis] += STEP_S * action[axis].clamp(-2.0, 2.0);
+        for (axis, force) in action.iter().enumerate() {
+            self.velocity[axis] += STEP_S * force.clamp(-2.0, 2.0);
             self.position[axis] += STEP_S * self.velocity[axis];
         }
         self.steps += 1;
