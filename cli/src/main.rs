@@ -3,7 +3,6 @@
 
 mod exit;
 mod output;
-#[cfg(feature = "sim")]
 mod progress;
 #[cfg(feature = "sim")]
 mod report;
@@ -34,6 +33,7 @@ const EXAMPLES: &str = "Examples:
   vocaloco skills check                           whether it is sound
   vocaloco evaluate viability --skill ascend --terrain stairs_up --size-m 0.1,0.2 --samples 200
   vocaloco explain out/demo/decisions-stairs_up-0.12.mcap --tick 250
+  vocaloco bench rollouts                         how fast this machine collects
 
 One more skill, touching no other:
   vocaloco skills new trot                        a plugin and manifest from the template

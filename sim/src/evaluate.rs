@@ -202,7 +202,7 @@ pub fn summarise_rollouts(skill: &RolledSkill, query: &Query, rollouts: &[&Rollo
     }
     let duration_s: f64 = rollouts().map(|one| one.duration_s).sum();
     let distance_m: f64 = rollouts().map(|one| one.distance_m).sum();
-    let simulator = identity::simulator();
+    let simulator = identity::simulator(query.plant);
     ViabilityRow {
         skill: skill.name.clone(),
         terrain: query.terrain,

@@ -7,11 +7,14 @@ use vocaloco_core::robot::RobotModel;
 
 use crate::{
     dataset::{RobotId, SimulatorId, SkillId},
+    plant::PlantKind,
     rollout::RolledSkill,
 };
 
 /// Version of the physics engine, as `Cargo.toml` pins it.
 pub const RAPIER_VERSION: &str = "0.36.1";
+/// Version of the fast plant's dynamics, raised whenever the same row comes out otherwise.
+pub const REDUCED_VERSION: &str = "1";
 
 /// SHA-256 in lowercase hex.
 pub fn sha256_hex(bytes: &[u8]) -> String {
@@ -39,9 +42,13 @@ pub fn skill(skill: &RolledSkill, plugin_source_sha256: Option<String>) -> Skill
     }
 }
 
-/// The physics engine.
-pub fn simulator() -> SimulatorId {
-    SimulatorId { name: "rapier3d".to_owned(), version: RAPIER_VERSION.to_owned() }
+/// What steps a plant.
+pub fn simulator(plant: PlantKind) -> SimulatorId {
+    let (name, version) = match plant {
+        PlantKind::Reference => ("rapier3d", RAPIER_VERSION),
+        PlantKind::Fast => ("reduced", REDUCED_VERSION),
+    };
+    SimulatorId { name: name.to_owned(), version: version.to_owned() }
 }
 
 /// SHA-256 over the manifest and sources of a plugin's folder: each file's path, length and bytes,
@@ -87,6 +94,12 @@ mod tests {
         let manifest = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml"));
         let pinned = format!("rapier3d = {{ version = \"={RAPIER_VERSION}\"");
         assert!(manifest.unwrap().contains(&pinned), "wanted {pinned}");
+    }
+
+    #[test]
+    fn rows_of_one_plant_do_not_pass_for_those_of_the_other() {
+        assert_eq!(simulator(PlantKind::Reference).name, "rapier3d");
+        assert_ne!(simulator(PlantKind::Reference), simulator(PlantKind::Fast));
     }
 
     #[test]

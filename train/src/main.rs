@@ -1,10 +1,10 @@
 //! `vocaloco-train`: the learning verbs, apart from `vocaloco` so that nobody who only runs skills
-//! compiles them. `vocaloco train …` and `vocaloco train-policy …` run this binary.
+//! compiles them. `vocaloco train …`, `train-policy …` and `bench policy …` run this binary.
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use vocaloco_train::{predictor::training, train_policy};
+use vocaloco_train::{policy_learning::speed, predictor::training, train_policy};
 
 #[derive(Parser)]
 #[command(name = "vocaloco-train", version, about = "Learning for VOCALoco")]
@@ -19,12 +19,15 @@ enum Verb {
     Train(training::Args),
     /// Train a skill's policy in the simulator: imitation and PPO, or CMA-ES
     TrainPolicy(train_policy::Args),
+    /// Measure policy steps a second in training
+    BenchPolicy(speed::Args),
 }
 
 fn main() -> ExitCode {
     let ended = match Cli::parse().verb {
         Verb::Train(args) => training::run(&args),
         Verb::TrainPolicy(args) => train_policy::run(&args),
+        Verb::BenchPolicy(args) => speed::run(&args),
     };
     ended.unwrap_or_else(|error| {
         // `{:#}` is the whole chain in one line: what failed, then why.

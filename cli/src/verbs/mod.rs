@@ -3,6 +3,7 @@
 
 #![allow(clippy::needless_pass_by_value, reason = "every verb has the one signature")]
 
+mod bench;
 #[cfg(feature = "sim")]
 mod collect;
 #[cfg(feature = "sim")]
@@ -54,6 +55,8 @@ pub(crate) enum Verb {
     /// Measure a skill or the selector by the protocol
     #[cfg(feature = "sim")]
     Evaluate(evaluate::Args),
+    /// Measure speed: of a tick, of rollouts, of policy training
+    Bench(bench::Args),
     /// Run the 50 Hz loop of a deployment
     Run(run::Args),
     /// Say why each skill was chosen or refused, from a decisions log
@@ -74,6 +77,7 @@ impl Verb {
             Self::TrainPolicy(args) => train_policy::run(args),
             #[cfg(feature = "sim")]
             Self::Evaluate(args) => evaluate::run(args),
+            Self::Bench(args) => bench::run(args),
             Self::Run(args) => run::run(args),
             Self::Explain(args) => explain::run(args),
         }

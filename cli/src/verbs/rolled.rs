@@ -38,9 +38,10 @@ impl Rolled {
 /// The plants by name, for `--plant`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Plant {
-    /// What reported numbers use
+    /// rapier3d's multibody, which every reported number uses
     Reference,
-    /// What searches may use
+    /// The plant's own reduced-coordinate dynamics, for searching and training, certified against the
+    /// reference (docs/plant.md)
     Fast,
 }
 

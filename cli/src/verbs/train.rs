@@ -22,20 +22,22 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(_args: Args) -> anyhow::Result<Exit> {
-    hand_over("train")
+    hand_over("train", "train")
 }
 
-/// Runs `vocaloco-train VERB …` with the arguments that followed the verb here, and ends as it ended.
+/// Runs `vocaloco-train VERB …` with the arguments that followed the word `typed` here, and ends as it
+/// ended.
 ///
 /// # Errors
 /// There is no such binary beside this one, or it does not start.
-pub(super) fn hand_over(verb: &str) -> anyhow::Result<Exit> {
+pub(super) fn hand_over(typed: &str, verb: &str) -> anyhow::Result<Exit> {
     let here = std::env::current_exe().context("the folder of this program")?;
     let binary = here.with_file_name(format!("vocaloco-train{}", std::env::consts::EXE_SUFFIX));
     check_is_there(&binary)?;
     // As typed, not as parsed: what is passed on keeps its order and its own defaults.
-    let arguments = std::env::args_os().skip(1).skip_while(|argument| argument != verb);
+    let arguments = std::env::args_os().skip(1).skip_while(|word| word != typed).skip(1);
     let status = Command::new(&binary)
+        .arg(verb)
         .args(arguments)
         .status()
         .with_context(|| format!("{} does not start", binary.display()))?;

@@ -17,5 +17,5 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(_args: Args) -> anyhow::Result<Exit> {
-    train::hand_over("train-policy")
+    train::hand_over("train-policy", "train-policy")
 }

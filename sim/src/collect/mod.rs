@@ -5,6 +5,7 @@ mod config;
 mod mixture;
 mod row;
 mod run_log;
+pub mod speed;
 
 use std::{ops::Range, path::Path, sync::Arc};
 
@@ -112,7 +113,7 @@ impl Collection<'_> {
             rows_per_shard: self.layout.rows_per_shard,
             robot: identity::robot(self.robot),
             skill: identity::skill(self.skill, self.plugin_source_sha256.clone()),
-            simulator: identity::simulator(),
+            simulator: identity::simulator(self.config.plant),
             config: self.config.clone(),
         }
     }

@@ -29,6 +29,11 @@ impl Work<'_> {
     /// The row with this number, or `None` where the data set leaves it out: a cost whose rollout
     /// ended by a base collision or a fault of the plugin.
     pub(super) fn row(&self, row: u64) -> Result<Option<Row>, CollectError> {
+        self.row_and_steps(row).map(|(row, _)| row)
+    }
+
+    /// The row, and the physics steps that its settling and its rollouts took.
+    pub(super) fn row_and_steps(&self, row: u64) -> Result<(Option<Row>, u64), CollectError> {
         let config = self.config;
         let seed = row_seed(config.seed, row);
         let (terrain, size_m) = config.mixture.draw(&mut stream(seed, "terrain", &[]));
@@ -37,13 +42,14 @@ impl Work<'_> {
         let field = noisy_field(&scene.spawn.heightfield, config.field_noise_m, seed)
             .map_err(|source| CollectError::Field { row, source })?;
         let rollouts = self.roll_out(&mut scene, seed);
-        let Some(labelled) = self.label(&rollouts) else { return Ok(None) };
+        let steps = scene.plant.steps_taken();
+        let Some(labelled) = self.label(&rollouts) else { return Ok((None, steps)) };
         let base = &scene.spawn.base;
         let [x_m, y_m, z_m] = base.position_m;
         let count = |outcome: Outcome| rollouts.iter().filter(|one| one.outcome == outcome).count() as u32;
         let mut heightfield_m = [0.0; CELLS];
         heightfield_m.copy_from_slice(scene.spawn.heightfield.cells_m.as_flattened());
-        Ok(Some(Row {
+        let row = Row {
             row,
             seed,
             terrain,
@@ -59,7 +65,8 @@ impl Work<'_> {
             successes: count(Outcome::Reached),
             base_collisions: count(Outcome::BaseCollision),
             cost: labelled.cost,
-        }))
+        };
+        Ok((Some(row), steps))
     }
 
     fn roll_out(&self, scene: &mut Scene, seed: u64) -> Vec<Rollout> {

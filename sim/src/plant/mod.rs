@@ -12,6 +12,7 @@ mod pose;
 mod rapier;
 mod reduced;
 mod settings;
+pub mod speed;
 mod work;
 mod world;
 
@@ -44,6 +45,7 @@ pub struct Plant {
     stepper: Stepper,
     state: State,
     velocity_before: Vec<f32>,
+    steps_taken: u64,
 }
 
 /// What no step changes: shared by a plant and all its snapshots.
@@ -103,6 +105,7 @@ impl Plant {
             stepper: blueprint.pattern.stepper(),
             blueprint,
             state,
+            steps_taken: 0,
         }
     }
 
@@ -191,6 +194,11 @@ impl Plant {
         self.state.clone_from(&snapshot.state);
     }
 
+    /// Physics steps that this plant has made since it was built, whatever it was restored to.
+    pub fn steps_taken(&self) -> u64 {
+        self.steps_taken
+    }
+
     /// Mass with the variation, kg.
     pub fn total_mass_kg(&self) -> f32 {
         self.blueprint.robot.description.mass_kg as f32 + self.state.variation.base_mass_offset_kg
@@ -215,6 +223,7 @@ impl Plant {
 
     /// Applies the torques in the measurement, steps the world and measures.
     fn advance(&mut self) {
+        self.steps_taken += 1;
         let State { body, measurement, variation, .. } = &mut self.state;
         let Blueprint { robot, pattern, .. } = &*self.blueprint;
         self.stepper.step(pattern, body, robot, &measurement.joint_torque_nm, variation);

@@ -6,9 +6,10 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PlantKind {
-    /// What reported numbers and certificates use.
+    /// rapier3d's multibody, which every reported number uses.
     Reference,
-    /// For searching and bulk data; docs/plant.md says how far it agrees with the reference.
+    /// The plant's own reduced-coordinate dynamics on parry's geometry, for searching and training;
+    /// docs/plant.md certifies it against the reference.
     Fast,
 }
 
@@ -41,7 +42,7 @@ pub enum JointKind {
     Reduced,
 }
 
-/// How rapier solves a step.
+/// How a step is solved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Engine {
     /// How the links are joined.

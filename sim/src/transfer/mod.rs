@@ -10,11 +10,13 @@ mod ground;
 mod link;
 mod mujoco;
 mod paired;
+mod speed;
 
 pub use agreement::{Agreement, agreement};
 pub use error::TransferError;
 pub use mujoco::{Interpreter, MujocoPlant, SUBSTEPS};
 pub use paired::{Pair, Peers, STAND_S, sample_pairs};
+pub use speed::{PeerSpeed, time_peer};
 
 #[cfg(test)]
 mod tests;

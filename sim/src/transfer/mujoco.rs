@@ -12,7 +12,7 @@ use vocaloco_plugin_api::JointTarget;
 use super::{TransferError, ground::Ground, link::Link};
 use crate::{
     physics::Physics,
-    plant::{BasePose, Measurement, PlantKind, Variation, Work},
+    plant::{BasePose, Measurement, PlantKind, Variation, Work, speed},
     terrain::Terrain,
 };
 
@@ -75,6 +75,15 @@ enum Question<'a> {
     Heights {
         points_m: &'a [[f32; 2]],
     },
+    TimeStand {
+        position_rad: &'a [f32],
+        stiffness_nm_per_rad: f32,
+        damping_nms_per_rad: f32,
+        effort_nm: f32,
+        settling_steps: usize,
+        rounds: usize,
+        steps: usize,
+    },
 }
 
 impl Question<'_> {
@@ -88,6 +97,7 @@ impl Question<'_> {
             Self::Push { .. } => "push the base",
             Self::Step { .. } => "step",
             Self::Heights { .. } => "look at heights",
+            Self::TimeStand { .. } => "time its steps",
         }
     }
 }
@@ -107,6 +117,12 @@ struct Done {}
 #[serde(deny_unknown_fields)]
 struct Heights {
     heights_m: Vec<Option<f32>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Timed {
+    step_us: f64,
 }
 
 #[derive(Deserialize)]
@@ -211,6 +227,26 @@ impl MujocoPlant {
         let question = Question::Heights { points_m };
         let Heights { heights_m } = self.link.ask(question.action(), &question)?;
         Ok(heights_m.into_iter().map(|height| height.unwrap_or(f32::NAN)).collect())
+    }
+
+    /// Time of one of MuJoCo's steps of 5 ms while the robot stands where it was placed, µs on one
+    /// thread, as [`speed::standing_step_us`] takes it: motors are position servos with the stand's
+    /// gains, and the steps of a round are one call, so that the interpreter takes no part.
+    ///
+    /// # Errors
+    /// The process fails, or the robot falls.
+    pub fn standing_step_us(&mut self) -> Result<f64, TransferError> {
+        let question = Question::TimeStand {
+            position_rad: &self.robot.stand_position_rad(),
+            stiffness_nm_per_rad: self.robot.stand.stiffness_nm_per_rad,
+            damping_nms_per_rad: self.robot.stand.damping_nms_per_rad,
+            effort_nm: self.robot.drive.effort_nm,
+            settling_steps: speed::SETTLING_STEPS,
+            rounds: speed::ROUNDS,
+            steps: speed::STEPS,
+        };
+        let Timed { step_us } = self.link.ask(question.action(), &question)?;
+        Ok(step_us)
     }
 
     /// Whether everything since the last check was answered.

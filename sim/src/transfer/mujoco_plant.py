@@ -10,6 +10,8 @@
   {"do": "push", "velocity_in_world"}                   -> state
   {"do": "step", "torque_nm"}                           -> state 5 ms later, torques held
   {"do": "heights", "points_m": [[x, y]]}               -> {"heights_m"}, null where nothing is hit
+  {"do": "time_stand", "position_rad", "stiffness_nm_per_rad", "damping_nms_per_rad", "effort_nm",
+   "settling_steps", "rounds", "steps"}                 -> {"step_us"}, on a copy: nothing moves
 
 state: {"joint_position_rad", "joint_velocity_rad_per_s", "position_m", "orientation_xyzw",
   "linear_in_world", "angular_in_base", "foot_contact", "base_contact", "nonfoot_contact"}, or
@@ -19,8 +21,10 @@ that press in the last substep. What cannot be done is answered with {"error": t
 Drives are the caller's: torques arrive as they are applied.
 """
 
+import copy
 import json
 import sys
+import time
 
 STEP_S = 0.005
 TERRAIN_GROUP = 5
@@ -131,6 +135,31 @@ class Plant:
             depth_m = mujoco.mj_ray(self.model, self.data, start, down, groups, 1, -1, hit)
             heights_m.append(top_m - depth_m if depth_m >= 0 else None)
         return {"heights_m": heights_m}
+
+    def time_stand(self, position_rad, stiffness_nm_per_rad, damping_nms_per_rad, effort_nm, settling_steps,
+                   rounds, steps):
+        """Mean time of a step of STEP_S in the fastest round, motors as position servos."""
+        model, data = copy.copy(self.model), copy.copy(self.data)
+        model.opt.timestep = STEP_S
+        model.actuator_gaintype[:] = mujoco.mjtGain.mjGAIN_FIXED
+        model.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_AFFINE
+        model.actuator_gainprm[:, 0] = stiffness_nm_per_rad
+        model.actuator_biasprm[:, :3] = [0, -stiffness_nm_per_rad, -damping_nms_per_rad]
+        model.actuator_ctrllimited[:] = 0
+        model.actuator_forcelimited[:] = 1
+        model.actuator_forcerange[:] = [-effort_nm, effort_nm]
+        wanted_rad = {model.joint(name).id: at for name, at in zip(self.request["joints"], position_rad)}
+        data.ctrl[:] = [wanted_rad[joint] for joint in model.actuator_trnid[:, 0].tolist()]
+        start_m = data.qpos[2]
+        mujoco.mj_step(model, data, settling_steps)
+        fastest_s = numpy.inf
+        for _ in range(rounds):
+            start_s = time.perf_counter()
+            mujoco.mj_step(model, data, steps)
+            fastest_s = min(fastest_s, time.perf_counter() - start_s)
+        if not abs(data.qpos[2] - start_m) < 0.1:
+            raise ValueError(f"found the base at {data.qpos[2]:.3f} m, wanted it standing near {start_m:.3f} m")
+        return {"step_us": 1e6 * fastest_s / steps}
 
     def state(self):
         data = self.data

@@ -241,3 +241,18 @@ fn the_difference_changes_its_sign_with_the_order_and_pairs_narrow_its_interval(
     let width = |of: &super::Agreement| of.points_high - of.points_low;
     assert!((loose.points - one.points).abs() < 1e-9 && width(&one) < width(&loose), "{one:?} {loose:?}");
 }
+
+#[test]
+fn a_stand_is_timed_with_the_stands_own_gains_and_the_drives_effort() {
+    let (plant, asked) = plant(&[greeting(), json!({"step_us": 12.5})]);
+    let step_us = plant.unwrap().standing_step_us().unwrap();
+    assert!((step_us - 12.5).abs() < 1e-12);
+    let question = asked.lines().remove(1);
+    let robot = robot();
+    let gain = |name: &str| question[name].as_f64().unwrap() as f32;
+    assert_eq!(question["do"], "time_stand");
+    assert_eq!(question["position_rad"].as_array().unwrap().len(), robot.joint_count());
+    assert!((gain("stiffness_nm_per_rad") - robot.stand.stiffness_nm_per_rad).abs() < 1e-6);
+    assert!((gain("damping_nms_per_rad") - robot.stand.damping_nms_per_rad).abs() < 1e-6);
+    assert!((gain("effort_nm") - robot.drive.effort_nm).abs() < 1e-6);
+}

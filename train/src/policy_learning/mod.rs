@@ -27,6 +27,7 @@ mod product;
 pub mod run;
 mod shuffle;
 pub mod single_pass;
+pub mod speed;
 pub mod task;
 #[cfg(test)]
 mod tests;

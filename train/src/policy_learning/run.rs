@@ -75,7 +75,11 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     Training::start(options, config, &robot, &experts)?.run(&policy)
 }
 
-fn load_experts(
+/// The skills that a configuration names as experts, by name.
+///
+/// # Errors
+/// The first that cannot be rolled out.
+pub(super) fn load_experts(
     installation: &Installation,
     robot: &RobotModel,
     config: &Config,

@@ -1,0 +1,36 @@
+//! `bench`: how fast this machine does what costs time. One file a measurement, below.
+
+mod policy;
+#[cfg(feature = "sim")]
+mod rollouts;
+mod tick;
+
+use crate::exit::Exit;
+
+/// Measure speed: of the loop that a robot runs, of collection, of policy training.
+///
+/// Figures are of this machine and this moment: other work on it makes them worse, so repeat before
+/// comparing. Where another program does the same job and is installed, `peer` is its figure from the
+/// same run; otherwise it is null.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(clap::Subcommand)]
+enum What {
+    Tick(tick::Args),
+    #[cfg(feature = "sim")]
+    Rollouts(rollouts::Args),
+    Policy(policy::Args),
+}
+
+pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
+    match args.what {
+        What::Tick(args) => tick::run(&args),
+        #[cfg(feature = "sim")]
+        What::Rollouts(args) => rollouts::run(&args),
+        What::Policy(_) => policy::run(),
+    }
+}

@@ -1,0 +1,86 @@
+//! `bench --json` has the fields that other programs read, and every figure is a positive number.
+
+use std::path::Path;
+use std::process::Command;
+use std::sync::LazyLock;
+
+use serde_json::Value;
+use vocaloco_tests::{plugin_folder, repository};
+
+/// What `vocaloco bench … --json` prints.
+fn bench(arguments: &[&str]) -> Value {
+    static LEARNING: LazyLock<()> = LazyLock::new(|| {
+        vocaloco_dev::build_plugins(&[], &["vocaloco-train"]).expect("vocaloco-train builds");
+    });
+    LazyLock::force(&LEARNING);
+    let output = Command::new(plugin_folder().join("vocaloco"))
+        .arg("bench")
+        .args(arguments)
+        .arg("--json")
+        .env("VOCALOCO_ROOT", repository())
+        .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
+        .output()
+        .expect("the program starts");
+    let narration = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {narration}");
+    serde_json::from_slice(&output.stdout).expect("one JSON object and nothing else on stdout")
+}
+
+/// Whether each of these is a positive number.
+fn assert_positive(report: &Value, pointers: &[&str]) {
+    for pointer in pointers {
+        let figure = report.pointer(pointer).and_then(Value::as_f64);
+        assert!(figure.is_some_and(|figure| figure > 0.0 && figure.is_finite()), "{pointer} in {report:#}");
+    }
+}
+
+#[test]
+fn a_tick_of_more_skills_than_are_shipped_is_timed_and_a_skill_drives() {
+    let report = bench(&["tick", "--skills", "5", "--ticks", "50"]);
+    assert_eq!((&report["skills"], &report["ticks"]), (&5.into(), &50.into()), "{report:#}");
+    assert_positive(&report, &["/p50_us", "/p99_us", "/max_us", "/driven_share"]);
+    let figure = |name: &str| report[name].as_f64().expect(name);
+    assert!(figure("p50_us") <= figure("p99_us") && figure("p99_us") <= figure("max_us"), "{report:#}");
+    assert!(report["backend"].is_string(), "{report:#}");
+    for unknown in ["allocations_per_tick", "peer"] {
+        assert_eq!(report.get(unknown), Some(&Value::Null), "{unknown} in {report:#}");
+    }
+}
+
+#[test]
+fn rollouts_are_timed_on_either_plant_and_a_peer_that_is_not_there_is_null() {
+    for plant in ["reference", "fast"] {
+        let python = ["--python", "/nowhere/python3"];
+        let report = bench(
+            &[&["rollouts", "--samples", "2", "--threads", "2", "--plant", plant], &python[..]].concat(),
+        );
+        assert_eq!((&report["threads"], &report["rollouts"]), (&2.into(), &2.into()), "{report:#}");
+        assert_eq!(report["plant"], plant);
+        assert_positive(&report, &["/rollouts_per_s", "/physics_steps_per_s", "/us_per_step"]);
+        assert_eq!(report.get("peer"), Some(&Value::Null), "{report:#}");
+        // One second of settling and at least the ticks of a stumble.
+        let steps = report["physics_steps_per_s"].as_f64().unwrap() * report["wall_s"].as_f64().unwrap();
+        assert!((2.0 * 200.0..2.0 * 100.0 * 1000.0).contains(&steps), "{steps} steps in {report:#}");
+    }
+}
+
+#[test]
+#[cfg_attr(not(feature = "peers"), ignore = "needs python3 with the package mujoco")]
+fn mujoco_is_timed_in_the_same_run() {
+    let report = bench(&["rollouts", "--samples", "1"]);
+    assert_positive(&report, &["/peer/us_per_step"]);
+    assert!(report["peer"]["name"].as_str().is_some_and(|name| name.starts_with("mujoco ")), "{report:#}");
+}
+
+#[test]
+fn policy_steps_are_timed_with_the_shipped_configuration() {
+    let configured = repository().join("skills/walk_network/training.toml");
+    assert!(Path::new(&configured).is_file(), "the default of --skill is shipped");
+    let report = bench(&["policy", "--environments", "2", "--iterations", "1", "--threads", "1"]);
+    assert_eq!((&report["environments"], &report["threads"]), (&2.into(), &1.into()), "{report:#}");
+    let steps = ["physics", "environment", "learning", "learning_with_expert"];
+    let pointers: Vec<String> = steps.iter().map(|name| format!("/policy_steps_per_s/{name}")).collect();
+    assert_positive(&report, &pointers.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_positive(&report, &["/learn_share"]);
+    assert!(report["command"].as_str().is_some_and(|command| command.starts_with("vocaloco bench policy")));
+}
