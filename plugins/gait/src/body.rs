@@ -48,6 +48,7 @@ pub(crate) struct Body {
 
 /// How far the base's fore and hind half would have to rise for the distance that the parameters ask, m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[expect(clippy::struct_field_names, reason = "all of them are metres, and names end in their unit")]
 struct Lack {
     fore_m: f64,
     hind_m: f64,
