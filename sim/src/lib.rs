@@ -9,6 +9,7 @@ pub mod dataset;
 pub mod driver;
 pub mod environment;
 pub mod evaluate;
+pub mod handover;
 pub mod identity;
 pub mod kinematics;
 pub mod latency;
