@@ -24,3 +24,4 @@ pub mod stream;
 pub mod terrain;
 pub mod threads;
 pub mod transfer;
+pub mod watched;

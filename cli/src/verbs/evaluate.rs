@@ -7,6 +7,8 @@ mod success;
 mod transfer;
 mod viability;
 
+pub(super) use viability::parse_terrain;
+
 use crate::exit::Exit;
 
 #[derive(clap::Args)]

@@ -13,6 +13,8 @@ mod demo;
 mod evaluate;
 mod explain;
 #[cfg(feature = "sim")]
+mod look;
+#[cfg(feature = "sim")]
 mod rolled;
 mod run;
 mod skills;
@@ -54,6 +56,9 @@ pub(crate) enum Verb {
     /// Measure a skill or the selector by the protocol
     #[cfg(feature = "sim")]
     Evaluate(evaluate::Args),
+    /// Roll a skill out once and draw its gait
+    #[cfg(feature = "sim")]
+    Look(look::Args),
     /// Run the 50 Hz loop of a deployment
     Run(run::Args),
     /// Say why each skill was chosen or refused, from a decisions log
@@ -74,6 +79,8 @@ impl Verb {
             Self::TrainPolicy(args) => train_policy::run(args),
             #[cfg(feature = "sim")]
             Self::Evaluate(args) => evaluate::run(args),
+            #[cfg(feature = "sim")]
+            Self::Look(args) => look::run(&args),
             Self::Run(args) => run::run(args),
             Self::Explain(args) => explain::run(args),
         }
