@@ -32,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   vocaloco skills list                            what is installed
   vocaloco skills check                           whether it is sound
   vocaloco evaluate viability --skill ascend --terrain stairs_up --size-m 0.1,0.2 --samples 200
+  vocaloco look --skill ascend --terrain stairs_up --size-m 0.15 --page out/look.html
   vocaloco explain out/demo/decisions-stairs_up-0.12.mcap --tick 250
   vocaloco bench rollouts                         how fast this machine collects
 
@@ -50,7 +51,7 @@ const EXAMPLES: &str = "Examples:
   vocaloco run --deployment anymal_stairs --source stdio
   vocaloco explain decisions.mcap --tick 250
 
-This build has no simulator: demo, collect, data and evaluate need the feature `sim`.
+This build has no simulator: demo, collect, data, evaluate and look need the feature `sim`.
 Exit codes: 0 fine, 1 a finding, 2 could not run.";
 
 fn main() -> ExitCode {

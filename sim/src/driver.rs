@@ -65,6 +65,20 @@ impl<'a, P: Physics> Driver<'a, P> {
         self.instance.reset(&self.sensors.state(self.time_s))
     }
 
+    /// Lets another plugin drive from here on, reset to the plant's present state. Time goes on, sensors
+    /// stay, and targets on their way still arrive.
+    ///
+    /// # Errors
+    /// What the plugin reports.
+    pub fn hand_over(&mut self, instance: &'a mut PluginInstance) -> Result<(), SkillError> {
+        self.patch = instance.needs().terrain.into_option();
+        self.instance = instance;
+        if self.patch.is_none() {
+            self.sensors.look_at(&[]);
+        }
+        self.start()
+    }
+
     /// One policy tick: observe, act, four physics steps. `after_step` runs after each of them.
     ///
     /// # Errors

@@ -12,7 +12,9 @@ use crate::{
     driver::SensorNoise,
     identity,
     plant::PlantKind,
-    rollout::{Chance, Motion, Outcome, Perturbations, RolledSkill, Rollout, RolloutRules, Trial},
+    rollout::{
+        CRUISE_FROM_S, Chance, Motion, Outcome, Perturbations, RolledSkill, Rollout, RolloutRules, Trial,
+    },
     scene::{Scene, row_seed},
     spawn::{SpawnRules, Spawner},
     stream::derived_seed,
@@ -166,6 +168,8 @@ pub struct ViabilityRow {
     pub simulator: String,
     /// Displacement ahead over time, all rollouts together.
     pub mean_speed_m_per_s: f64,
+    /// Displacement ahead over time after the first second, of those that reached the horizon later.
+    pub cruise_speed_m_per_s: Option<f64>,
     /// 99th percentile of absolute joint torque.
     pub torque_p99_nm: f64,
     /// 99th percentile of absolute joint speed.
@@ -222,6 +226,7 @@ pub fn summarise_rollouts(skill: &RolledSkill, query: &Query, rollouts: &[&Rollo
         plant: query.plant.id().to_owned(),
         simulator: format!("{} {}", simulator.name, simulator.version),
         mean_speed_m_per_s: if duration_s > 0.0 { distance_m / duration_s } else { 0.0 },
+        cruise_speed_m_per_s: cruise_speed_m_per_s(rollouts()),
         torque_p99_nm: motion.torque_nm.quantile(0.99),
         speed_p99_rad_per_s: motion.speed_rad_per_s.quantile(0.99),
         speed_over_limit_share: motion.speed_over_limit_share(),
@@ -229,6 +234,23 @@ pub fn summarise_rollouts(skill: &RolledSkill, query: &Query, rollouts: &[&Rollo
         action_rate: motion.action_rate_rad_per_s(),
         patch_noise_m: query.patch_noise_m,
     }
+}
+
+/// Speed ahead once the robot has its speed, of rollouts that reached the horizon; `None` when all of
+/// those were over within [`CRUISE_FROM_S`].
+///
+/// ```text
+/// v = Σ_rollout (d_end − d(t₁)) / Σ_rollout (t_end − t₁),   t₁ = 1 s
+/// ```
+fn cruise_speed_m_per_s<'a>(rollouts: impl Iterator<Item = &'a Rollout>) -> Option<f64> {
+    let (mut distance_m, mut duration_s) = (0.0, 0.0);
+    for rollout in rollouts.filter(|one| one.outcome == Outcome::Reached) {
+        if let Some(from_m) = rollout.cruise_from_m {
+            distance_m += rollout.distance_m - from_m;
+            duration_s += rollout.duration_s - CRUISE_FROM_S;
+        }
+    }
+    (duration_s > 0.0).then(|| distance_m / duration_s)
 }
 
 /// Wilson's 95 % interval of a share.
@@ -273,6 +295,29 @@ mod tests {
         let [low, high] = wilson(5, 10);
         assert!((low - 0.23659).abs() < 1e-4 && (high - 0.76341).abs() < 1e-4, "{low} {high}");
         assert_eq!(wilson(0, 0), [0.0, 1.0]);
+    }
+
+    #[test]
+    fn cruising_speed_leaves_out_the_first_second_and_what_did_not_arrive() {
+        let rollout = |outcome, duration_s, distance_m, cruise_from_m| Rollout {
+            outcome,
+            duration_s,
+            distance_m,
+            cruise_from_m,
+            cot_positive: None,
+            cot_signed: None,
+            motion: Motion::new(8.5),
+        };
+        let rollouts = [
+            rollout(Outcome::Reached, 3.0, 1.5, Some(0.3)),
+            rollout(Outcome::Reached, 2.0, 1.5, Some(0.7)),
+            rollout(Outcome::Reached, 0.9, 1.5, None),
+            rollout(Outcome::Timeout, 4.0, 0.2, Some(0.1)),
+        ];
+        // 1.2 m in 2 s and 0.8 m in 1 s.
+        let speed = cruise_speed_m_per_s(rollouts.iter()).unwrap();
+        assert!((speed - 2.0 / 3.0).abs() < 1e-12, "{speed}");
+        assert_eq!(cruise_speed_m_per_s(rollouts[2..].iter()), None);
     }
 
     #[test]

@@ -7,16 +7,10 @@ use serde::Serialize;
 use vocaloco_core::{decision::Decision, heightfield::Field, robot::RobotModel};
 use vocaloco_sim::{
     course::{CourseRun, Switch},
-    driver::TICK_S,
-    kinematics::{forward_kinematics, legs},
-    plant::BasePose,
     terrain::Terrain,
 };
 
-use super::{
-    base64::base64,
-    shapes::{base_boxes, strips},
-};
+use super::{base64::base64, motion::PackedMotion, shapes::strips};
 
 /// The heightfield is kept every so many ticks.
 const FIELD_EVERY: usize = 2;
@@ -53,27 +47,17 @@ pub(crate) struct PackedCourse {
     path: String,
     switches: Vec<Switch>,
     skills: Vec<Threshold>,
-    tick_s: f64,
-    ticks: usize,
+    #[serde(flatten)]
+    moved: PackedMotion,
     first_tick: u64,
-    legs: usize,
-    leg_points: usize,
-    /// Centre and half extents in the base frame, m.
-    base_boxes: Vec<[[f64; 3]; 2]>,
-    /// Boxes: centre and half extents, m.
-    terrain: Vec<[f32; 6]>,
     /// What `choice` and `active` index.
     names: Vec<String>,
     /// What `reason` and `verdict` index.
     texts: Vec<String>,
-    /// i16: base position mm, orientation xyzw × 32767, then each leg's points, mm.
-    motion: String,
     /// u16 by skill: viability × 10⁴, cost of transport × 10³.
     predictions: String,
     /// u8: a bit a skill.
     viable: String,
-    /// u8: a bit a foot.
-    contact: String,
     choice: String,
     active: String,
     reason: String,
@@ -95,20 +79,16 @@ impl PackedCourse {
     ) -> Self {
         let mut series = Series::new(thresholds);
         for (index, tick) in run.ticks.iter().enumerate() {
-            let links = forward_kinematics(&robot.description, &tick.base, &tick.joint_position_rad);
-            series.motion.extend(tick.base.position_m.map(millimetres));
-            series.motion.extend(tick.base.orientation_xyzw.map(|part| (part * 32767.0).round() as i16));
-            for point in legs(&robot.description, &links).concat() {
-                series.motion.extend(point.map(millimetres));
-            }
-            series.contact.push(bits(tick.foot_contact.iter().copied()));
             if let Some(decision) = &tick.decision {
                 series.add(decision, index % FIELD_EVERY == 0);
             }
         }
-        let stand = vec![0.0; robot.joint_count()];
-        let origin = BasePose::from_yaw([0.0; 3], 0.0);
-        let lines = legs(&robot.description, &forward_kinematics(&robot.description, &origin, &stand));
+        let ticks = run.ticks.iter();
+        let moved = PackedMotion::new(
+            robot,
+            strips(terrain),
+            ticks.map(|tick| (&tick.base, tick.joint_position_rad.as_slice(), tick.foot_contact.as_slice())),
+        );
         Self {
             steps: run.steps,
             size_m: run.size_m,
@@ -122,19 +102,12 @@ impl PackedCourse {
                 .iter()
                 .map(|(name, threshold)| Threshold { name: name.clone(), threshold: *threshold })
                 .collect(),
-            tick_s: TICK_S,
-            ticks: run.ticks.len(),
+            moved,
             first_tick: run.ticks.first().and_then(|tick| tick.decision.as_ref()).map_or(0, |d| d.tick),
-            legs: lines.len(),
-            leg_points: lines.first().map_or(0, Vec::len),
-            base_boxes: base_boxes(robot),
-            terrain: strips(terrain),
             names: series.names,
             texts: series.texts.list,
-            motion: base64(&little_endian(&series.motion)),
             predictions: base64(&series.predictions.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>()),
             viable: base64(&series.viable),
-            contact: base64(&series.contact),
             choice: base64(&series.choice),
             active: base64(&series.active),
             reason: base64(&series.reason.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>()),
@@ -174,10 +147,8 @@ impl Texts {
 struct Series {
     names: Vec<String>,
     texts: Texts,
-    motion: Vec<i16>,
     predictions: Vec<u16>,
     viable: Vec<u8>,
-    contact: Vec<u8>,
     choice: Vec<u8>,
     active: Vec<u8>,
     reason: Vec<u16>,
@@ -191,10 +162,8 @@ impl Series {
         Self {
             names: fixed.chain(thresholds.iter().map(|(name, _)| name.clone())).collect(),
             texts: Texts::default(),
-            motion: Vec::new(),
             predictions: Vec::new(),
             viable: Vec::new(),
-            contact: Vec::new(),
             choice: Vec::new(),
             active: Vec::new(),
             reason: Vec::new(),
@@ -241,22 +210,11 @@ impl Series {
     }
 }
 
-fn millimetres(metres: f32) -> i16 {
-    (metres * 1000.0).round().clamp(-32767.0, 32767.0) as i16
-}
-
-fn bits(flags: impl Iterator<Item = bool>) -> u8 {
-    flags.take(8).enumerate().fold(0, |bits, (place, flag)| bits | u8::from(flag) << place)
-}
-
-fn little_endian(values: &[i16]) -> Vec<u8> {
-    values.iter().flat_map(|value| value.to_le_bytes()).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use vocaloco_sim::{
         course::{CourseTick, Outcome},
+        plant::BasePose,
         terrain::CourseKind,
     };
 
@@ -302,19 +260,14 @@ mod tests {
         let terrain = Terrain::course(run.kind, run.size_m, run.steps);
         let packed = PackedCourse::new(story, &run, &robot, &terrain, &thresholds);
         let length = |text: &str| text.len() / 4 * 3 - text.matches('=').count();
-        assert_eq!((packed.ticks, packed.first_tick, packed.legs, packed.leg_points), (5, 40, 4, 4));
-        assert_eq!(length(&packed.motion), 5 * (7 + 4 * 4 * 3) * 2);
+        assert_eq!(packed.first_tick, 40);
         assert_eq!(length(&packed.predictions), 5 * 2 * 2 * 2);
         assert_eq!(length(&packed.verdict), 5 * 2 * 2);
-        for series in [&packed.viable, &packed.contact, &packed.choice, &packed.active] {
+        for series in [&packed.viable, &packed.choice, &packed.active] {
             assert_eq!(length(series), 5);
         }
         assert_eq!(length(&packed.field), 3 * 341, "every other tick");
-        assert_eq!(packed.contact, base64(&[0b1001; 5]), "the first and the last foot");
         assert_eq!((packed.choice, packed.active), (base64(&[2; 5]), base64(&[1; 5])));
-        // x −1.25 m, y 0.5 m, z 0.6 m, in millimetres.
-        let first = base64(&[0x1e, 0xfb, 0xf4, 0x01, 0x58, 0x02]);
-        assert!(packed.motion.starts_with(&first), "{} for {first}", &packed.motion[..8]);
     }
 
     #[test]

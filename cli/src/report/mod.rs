@@ -3,11 +3,16 @@
 
 mod base64;
 mod course;
+mod look;
+mod motion;
 mod shapes;
+mod strip;
 
 use serde::Serialize;
 
 pub(crate) use course::{PackedCourse, Story, path};
+pub(crate) use look::page;
+pub(crate) use strip::strip;
 
 /// Everything the page shows.
 #[derive(Serialize)]

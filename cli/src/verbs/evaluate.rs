@@ -2,9 +2,12 @@
 
 mod calibration;
 mod calibration_page;
+mod handover;
 mod success;
 mod transfer;
 mod viability;
+
+pub(super) use viability::parse_terrain;
 
 use crate::exit::Exit;
 
@@ -22,6 +25,8 @@ enum Experiment {
     Calibration(calibration::Args),
     /// A course with the selector or one skill alone, by step height
     Success(success::Args),
+    /// One skill takes over from another while the hind feet are still on a staircase's last step
+    Handover(handover::Args),
     /// The same skill, nothing retuned, in rapier and in MuJoCo (a Python process) from the same poses
     Transfer(transfer::Args),
 }
@@ -31,6 +36,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         Experiment::Viability(args) => viability::run(&args),
         Experiment::Calibration(args) => calibration::run(&args),
         Experiment::Success(args) => success::run(&args),
+        Experiment::Handover(args) => handover::run(&args),
         Experiment::Transfer(args) => transfer::run(&args),
     }
 }

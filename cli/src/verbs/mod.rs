@@ -14,6 +14,8 @@ mod demo;
 mod evaluate;
 mod explain;
 #[cfg(feature = "sim")]
+mod look;
+#[cfg(feature = "sim")]
 mod rolled;
 mod run;
 mod skills;
@@ -57,6 +59,9 @@ pub(crate) enum Verb {
     Evaluate(evaluate::Args),
     /// Measure speed: of a tick, of rollouts, of policy training
     Bench(bench::Args),
+    /// Roll a skill out once and draw its gait
+    #[cfg(feature = "sim")]
+    Look(look::Args),
     /// Run the 50 Hz loop of a deployment
     Run(run::Args),
     /// Say why each skill was chosen or refused, from a decisions log
@@ -78,6 +83,8 @@ impl Verb {
             #[cfg(feature = "sim")]
             Self::Evaluate(args) => evaluate::run(args),
             Self::Bench(args) => bench::run(args),
+            #[cfg(feature = "sim")]
+            Self::Look(args) => look::run(&args),
             Self::Run(args) => run::run(args),
             Self::Explain(args) => explain::run(args),
         }

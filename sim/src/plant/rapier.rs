@@ -136,7 +136,7 @@ impl Rapier {
         world.narrow_phase.contact_pairs().filter_map(move |pair| {
             let mut pressing = false;
             let mut steep = false;
-            for manifold in pair.rigid().into_iter().flat_map(|contacts| contacts.solver_manifolds()) {
+            for manifold in pair.rigid().into_iter().flat_map(RigidPairContacts::solver_manifolds) {
                 let presses = manifold.points.iter().any(|point| point.data.impulse > 0.0);
                 pressing |= presses;
                 steep |= presses && manifold.data.normal.z.abs() < STEEP_NORMAL_Z;

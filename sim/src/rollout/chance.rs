@@ -174,7 +174,7 @@ impl Chance {
     }
 
     /// The stream that feeds the noise.
-    pub(super) fn noise_stream(&self) -> ChaCha8Rng {
+    pub(crate) fn noise_stream(&self) -> ChaCha8Rng {
         stream(self.row_seed, "sensor_noise", &[self.repeat])
     }
 }

@@ -16,7 +16,7 @@ use crate::{
     angle::wrapped_rad,
     driver::{Driver, TICK_S},
     physics::Physics,
-    plant::{BasePose, GRAVITY_M_PER_S2, Plant},
+    plant::{BasePose, GRAVITY_M_PER_S2, Measurement, Plant},
     spawn::Spawn,
     terrain::Terrain,
 };
@@ -94,6 +94,8 @@ pub struct Rollout {
     pub duration_s: f64,
     /// Displacement along the spawn's yaw, m.
     pub distance_m: f64,
+    /// The same at [`CRUISE_FROM_S`]; `None` when the rollout ended before.
+    pub cruise_from_m: Option<f64>,
     /// Cost of transport, positive work; `None` when the base moved less than 1 cm after 0.5 s.
     pub cot_positive: Option<f64>,
     /// Cost of transport, work as signed.
@@ -102,6 +104,8 @@ pub struct Rollout {
     pub motion: Motion,
 }
 
+/// A robot that starts from a stand has its speed from here on, s.
+pub const CRUISE_FROM_S: f64 = 1.0;
 /// Less distance than this gives no cost of transport, m.
 const LEAST_DISTANCE_M: f64 = 0.01;
 
@@ -138,6 +142,16 @@ impl Trial<'_> {
     /// # Source
     /// Wu et al. (2025), eq. 1, with positive power only; METHOD, sections 1 and 3.
     pub fn roll_on<P: Physics>(&self, plant: &mut P, chance: &Chance) -> Rollout {
+        self.roll_watched(plant, chance, &mut |_| ())
+    }
+
+    /// As [`roll_on`](Self::roll_on); `watch` sees the plant before every tick.
+    pub(crate) fn roll_watched<P: Physics>(
+        &self,
+        plant: &mut P,
+        chance: &Chance,
+        watch: &mut dyn FnMut(&Measurement),
+    ) -> Rollout {
         plant.vary(&chance.variation);
         let path = Path::from(&self.spawn.base);
         let mut motion = Motion::new(plant.robot().drive.velocity_limit_rad_per_s);
@@ -146,10 +160,16 @@ impl Trial<'_> {
         };
         let mut driver = Driver::new(plant, self.terrain, &mut instance, chance.noise, chance.noise_stream())
             .late_by(chance.latency_ticks);
-        let end = self.drive(&mut driver, &path, chance.push, &mut motion);
+        let end = match driver.start() {
+            Ok(()) => {
+                let mut witness = Witness { motion: &mut motion, watch };
+                self.rules.follow(&mut driver, &path, chance.push, &mut witness)
+            }
+            Err(_) => End { outcome: Outcome::Fault, ticks: 0, marks: Marks::default() },
+        };
         let [distance_m, _] = path.displacement_m(&plant.measure().base);
         let cot = |work_j: f64| {
-            let counted_m = distance_m - end.counted_from_m?;
+            let counted_m = distance_m - end.marks.counted_from_m?;
             let weight_n = f64::from(plant.total_mass_kg() * GRAVITY_M_PER_S2);
             (counted_m >= LEAST_DISTANCE_M).then(|| work_j / (weight_n * counted_m))
         };
@@ -157,66 +177,86 @@ impl Trial<'_> {
             outcome: end.outcome,
             duration_s: end.ticks as f64 * TICK_S,
             distance_m,
+            cruise_from_m: end.marks.cruise_from_m,
             cot_positive: cot(plant.positive_work_j()),
             cot_signed: cot(plant.signed_work_j()),
             motion,
         }
     }
+}
 
-    /// Ticks until the outcome is decided.
-    fn drive<P: Physics>(
+impl RolloutRules {
+    /// Ticks a driver that has started along a path until the outcome is decided.
+    pub(crate) fn follow<P: Physics>(
         &self,
         driver: &mut Driver<'_, P>,
         path: &Path,
         push: Option<Push>,
-        motion: &mut Motion,
+        witness: &mut Witness<'_>,
     ) -> End {
-        let rules = self.rules;
-        let ticks = (rules.time_limit_s / TICK_S).round() as usize;
-        let counted_from_tick = (rules.cot_from_s / TICK_S).round() as usize;
-        let mut counted_from_m = None;
-        let end = |outcome, ticks, counted_from_m| End { outcome, ticks, counted_from_m };
-        if driver.start().is_err() {
-            return end(Outcome::Fault, 0, None);
-        }
+        let tick_at = |time_s: f64| (time_s / TICK_S).round() as usize;
+        let ticks = tick_at(self.time_limit_s);
+        let (counted_from_tick, cruise_from_tick) = (tick_at(self.cot_from_s), tick_at(CRUISE_FROM_S));
+        let mut marks = Marks::default();
         for tick in 0..ticks {
+            (witness.watch)(driver.plant.measure());
             let base = driver.plant.measure().base;
             if tick == counted_from_tick {
-                counted_from_m = Some(path.displacement_m(&base)[0]);
+                marks.counted_from_m = Some(path.displacement_m(&base)[0]);
                 driver.plant.reset_work();
+            }
+            if tick == cruise_from_tick {
+                marks.cruise_from_m = Some(path.displacement_m(&base)[0]);
             }
             if let Some(push) = push.filter(|push| push.tick == tick) {
                 driver.plant.push(push.velocity_in_world);
             }
             let mut base_contact = false;
-            let ticked = driver.tick(&path.command(&base, rules), |plant| {
+            let ticked = driver.tick(&path.command(&base, self), |plant| {
                 let measured = plant.measure();
                 base_contact |= measured.base_contact;
-                motion.add_step(measured);
+                witness.motion.add_step(measured);
             });
             let [ahead_m, sideways_m] = path.displacement_m(&driver.plant.measure().base);
             if ticked.is_err() || !ahead_m.is_finite() || !sideways_m.is_finite() {
-                return end(Outcome::Fault, tick, counted_from_m);
+                return End { outcome: Outcome::Fault, ticks: tick, marks };
             }
-            motion.add_targets(driver.targets());
+            witness.motion.add_targets(driver.targets());
             if base_contact {
-                return end(Outcome::BaseCollision, tick + 1, counted_from_m);
+                return End { outcome: Outcome::BaseCollision, ticks: tick + 1, marks };
             }
-            if ahead_m >= rules.horizon_m && sideways_m.abs() <= rules.sideways_m {
-                return end(Outcome::Reached, tick + 1, counted_from_m);
+            if ahead_m >= self.horizon_m && sideways_m.abs() <= self.sideways_m {
+                return End { outcome: Outcome::Reached, ticks: tick + 1, marks };
             }
         }
         let [ahead_m, _] = path.displacement_m(&driver.plant.measure().base);
-        let outcome = if ahead_m >= rules.horizon_m { Outcome::OffPath } else { Outcome::Timeout };
-        end(outcome, ticks, counted_from_m)
+        let outcome = if ahead_m >= self.horizon_m { Outcome::OffPath } else { Outcome::Timeout };
+        End { outcome, ticks, marks }
     }
 }
 
-/// How a rollout ended, after how many ticks, and the displacement at which work began to count.
-struct End {
-    outcome: Outcome,
-    ticks: usize,
+/// Who sees a rollout.
+pub(crate) struct Witness<'a> {
+    /// Counts what joints and contacts do.
+    pub(crate) motion: &'a mut Motion,
+    /// Sees the plant before every tick.
+    pub(crate) watch: &'a mut dyn FnMut(&Measurement),
+}
+
+/// How a rollout ended, and after how many ticks.
+pub(crate) struct End {
+    pub(crate) outcome: Outcome,
+    pub(crate) ticks: usize,
+    marks: Marks,
+}
+
+/// Displacements at moments on the way, where the rollout came to them.
+#[derive(Default)]
+struct Marks {
+    /// When work begins to count, m.
     counted_from_m: Option<f64>,
+    /// When speed begins to count, m.
+    cruise_from_m: Option<f64>,
 }
 
 impl Rollout {
@@ -225,6 +265,7 @@ impl Rollout {
             outcome: Outcome::Fault,
             duration_s: 0.0,
             distance_m: 0.0,
+            cruise_from_m: None,
             cot_positive: None,
             cot_signed: None,
             motion,

@@ -46,7 +46,7 @@ pub(crate) struct Args {
     shared: Shared,
 }
 
-fn parse_course(text: &str) -> Result<CourseKind, String> {
+pub(super) fn parse_course(text: &str) -> Result<CourseKind, String> {
     let ids = CourseKind::ALL.map(CourseKind::id).join(" ");
     CourseKind::from_id(text).ok_or_else(|| format!("found {text:?}, wanted one of {ids}"))
 }

@@ -65,12 +65,12 @@ pub(crate) struct Args {
     pub(super) shared: Shared,
 }
 
-pub(super) fn parse_terrain(text: &str) -> Result<TerrainKind, String> {
+pub(crate) fn parse_terrain(text: &str) -> Result<TerrainKind, String> {
     let ids = TerrainKind::ALL.map(TerrainKind::id).join(" ");
     TerrainKind::from_id(text).ok_or_else(|| format!("found {text:?}, wanted one of {ids}"))
 }
 
-fn parse_perturb(text: &str) -> Result<Perturbations, String> {
+pub(super) fn parse_perturb(text: &str) -> Result<Perturbations, String> {
     Perturbations::parse(text)
         .ok_or_else(|| format!("found {text:?}, wanted protocol, all, none, or a list of noise, friction, mass, phase, push, latency, motor"))
 }
@@ -171,11 +171,16 @@ fn report(args: &Args, rules: &RolloutRules, rows: &[ViabilityRow]) -> anyhow::R
         let seed = args.shared.seed;
         return Ok(output::json(&Report { command, seed, version: env!("CARGO_PKG_VERSION"), rows })?);
     }
-    output::line("size      n  viable  95 % interval    collision  timeout  fault    CoT   speed m/s")?;
+    output::line(
+        "size      n  viable  95 % interval    collision  timeout  fault    CoT  speed m/s  after 1 s",
+    )?;
     for row in rows {
-        let cot = row.cot_mean.map_or_else(|| "-".to_owned(), |cot| format!("{cot:.3}"));
+        let or_dash = |value: Option<f64>, digits: usize| {
+            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+        };
+        let (cot, cruise) = (or_dash(row.cot_mean, 3), or_dash(row.cruise_speed_m_per_s, 2));
         output::line(&format!(
-            "{:<5.3} {:>5}  {:>6.3}  {:.3} to {:.3}  {:>9.3}  {:>7.3}  {:>5.3}  {cot:>5}  {:>10.2}",
+            "{:<5.3} {:>5}  {:>6.3}  {:.3} to {:.3}  {:>9.3}  {:>7.3}  {:>5.3}  {cot:>5}  {:>9.2}  {cruise:>9}",
             row.size_m,
             row.n,
             row.viable,
