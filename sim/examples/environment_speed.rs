@@ -1,5 +1,7 @@
 //! Policy steps per second of the training environment, without a learner.
 
+#![expect(clippy::print_stdout, reason = "this program prints a table")]
+
 use std::{collections::BTreeMap, env, error::Error, path::Path, sync::Arc};
 
 use vocaloco_core::{plugin::PluginLibrary, robot::RobotModel};
