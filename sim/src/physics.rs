@@ -1,5 +1,5 @@
 //! What a driver and a rollout ask of a physics engine: one robot on one terrain, stepped at 200 Hz.
-//! The reference is [`Plant`](crate::plant::Plant); a second simulator stands behind the same calls.
+//! The reference is [`Plant`]; a second simulator stands behind the same calls.
 
 use std::sync::Arc;
 

@@ -7,7 +7,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use super::config::{ConfigError, inside};
 use crate::driver::TICK_S;
 
-/// A term of the reward; its value is defined by [`Deed::value`].
+/// A term of the reward; its value is defined by `Deed::value`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[allow(missing_docs, reason = "the table of Deed::value says it once")]

@@ -1,4 +1,4 @@
-//! `bench policy`: hands over to `vocaloco-train bench-policy`, as [`train`](super::super::train) does.
+//! `bench policy`: hands over to `vocaloco-train bench-policy`, as `train` does.
 
 use std::ffi::OsString;
 
