@@ -1,6 +1,6 @@
 //! Gradients of a loss over chosen rows, on all threads, the same bits on any number of them.
 //!
-//! A batch is split into [`PARTS`] parts of fixed size, each summed by one thread; the parts are added in
+//! A batch is split into `PARTS` parts of fixed size, each summed by one thread; the parts are added in
 //! order.
 
 use std::ops::Range;
