@@ -54,3 +54,21 @@ fn every_slot_of_the_page_is_filled_and_nothing_is_fetched() {
         assert!(!page.contains(request), "the page holds {request}");
     }
 }
+
+/// `--out look.pdf` once got an SVG under that name.
+#[test]
+fn a_picture_of_another_kind_is_refused_by_its_name() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = folder.path().join("look.pdf");
+    let output = Command::new(plugin_folder().join("vocaloco"))
+        .args(["look", "--skill", "walk", "--terrain", "flat", "--out"])
+        .arg(&file)
+        .env("VOCALOCO_ROOT", repository())
+        .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
+        .output()
+        .expect("it starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("--out") && said.contains("look.pdf") && said.contains(".svg"), "{said}");
+    assert!(!file.exists());
+}

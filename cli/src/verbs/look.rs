@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use serde::Serialize;
 use vocaloco_sim::{
     evaluate::Query,
@@ -68,6 +68,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     ensure!((0.0..=2.0).contains(&size_m), "--size-m: found {size_m}, wanted 0 to 2");
     ensure!((0.1..=4.0).contains(&horizon_m), "--horizon-m: found {horizon_m}, wanted 0.1 to 4");
     ensure!((1..=40).contains(&frames), "--frames: found {frames}, wanted 1 to 40");
+    for (option, file, wanted) in [("--out", Some(&args.out), "svg"), ("--page", args.page.as_ref(), "html")]
+    {
+        let fits = |file: &PathBuf| file.extension().is_some_and(|found| found == wanted);
+        if let Some(file) = file.filter(|file| !fits(file)) {
+            bail!("{option}: found {}, wanted a file that ends in .{wanted}", file.display());
+        }
+    }
     let rolled = Rolled::load(&args.robot, &args.skill)?;
     let own = RolloutRules::default();
     let query = Query {

@@ -33,7 +33,7 @@ pub enum EnvironmentError {
     Config(#[from] ConfigError),
     /// The contract does not fit the robot.
     #[error("environment.contract.{0}")]
-    Contract(#[from] ContractError),
+    Contract(ContractError),
     /// The contract's rate is not the simulator's.
     #[error("environment.contract.rate_hz: found {0}, wanted 50")]
     Rate(f64),
@@ -50,6 +50,13 @@ pub enum EnvironmentError {
     /// A terrain on which the robot cannot stand.
     #[error(transparent)]
     Pose(#[from] NoValidPose),
+}
+
+// Not `#[from]`: that makes it a source too, and a report of the chain says it twice.
+impl From<ContractError> for EnvironmentError {
+    fn from(error: ContractError) -> Self {
+        Self::Contract(error)
+    }
 }
 
 /// Shared by all environments of a run.

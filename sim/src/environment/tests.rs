@@ -233,6 +233,16 @@ fn an_expert_that_nobody_handed_over_is_refused_by_name() {
 }
 
 #[test]
+fn a_contract_that_misfits_is_said_once() {
+    let mut contract = super::standard_contract(&robot());
+    contract.joints[0] = "LF_HAAA".into();
+    let config = EnvironmentConfig { contract: Some(contract), ..small() };
+    let error = TrainingGround::new(config, &robot(), &BTreeMap::new(), 1).err().unwrap();
+    assert!(error.to_string().starts_with("environment.contract.joints[0]: found"), "{error}");
+    assert!(std::error::Error::source(&error).is_none(), "a report of the chain would say it twice");
+}
+
+#[test]
 fn levels_get_harder_and_keep_inside_their_range() {
     let ground = ground();
     let sizes: Vec<f32> = (0..3)

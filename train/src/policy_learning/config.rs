@@ -182,7 +182,9 @@ impl<E: DeserializeOwned> TrainingConfig<E> {
     /// # Errors
     /// It cannot be read, does not parse, or a number is outside its range.
     pub fn read(path: &Path) -> anyhow::Result<Self> {
-        let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+        let text = std::fs::read_to_string(path).with_context(|| {
+            format!("{}: cannot be read; a network to be trained needs one", path.display())
+        })?;
         Self::parse(&text).with_context(|| path.display().to_string())
     }
 

@@ -135,7 +135,8 @@ impl<'a> Training<'a> {
         experts: &BTreeMap<String, RolledSkill>,
     ) -> anyhow::Result<Self> {
         let plan = config.plan();
-        let ground = TrainingGround::new(config.environment.clone(), robot, experts, options.seed)?;
+        let ground = TrainingGround::new(config.environment.clone(), robot, experts, options.seed)
+            .with_context(|| format!("skills/{}/training.toml", options.skill))?;
         let ground = Arc::new(ground);
         let tasks = make_tasks(&plan, |number| Ok(Environment::new(&ground, number)))?;
         let widths = widths(&tasks[0]);

@@ -137,7 +137,8 @@ impl Args {
             ActorArg::Expert => Actor::Expert,
         };
         eprintln!("{}: tiles and poses", self.skill);
-        let ground = TrainingGround::new(config.environment.clone(), robot, experts, self.seed)?;
+        let ground = TrainingGround::new(config.environment.clone(), robot, experts, self.seed)
+            .with_context(|| format!("skills/{}/training.toml", self.skill))?;
         let ground = Arc::new(ground);
         eprintln!("{}: {} environments, alone", self.skill, config.environments);
         let alone = speed::measure(&ground, config.environments as u32, self.iterations as usize, actor);
