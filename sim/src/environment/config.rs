@@ -33,6 +33,9 @@ pub struct EnvironmentConfig {
     pub terrain: Vec<TerrainShare>,
     /// Skill whose plugin says what to do on a terrain, for imitation.
     pub experts: BTreeMap<TerrainKind, String>,
+    /// Parameters of all experts that take other values here than in their own files: what a network
+    /// without memory cannot see, such as a cycle that hurries, is switched off.
+    pub expert_parameters: BTreeMap<String, f64>,
     /// Poses.
     pub spawn: SpawnRules,
     /// How episodes start in motion.
@@ -49,7 +52,8 @@ pub struct EnvironmentConfig {
     pub curriculum: CurriculumRules,
     /// What is rewarded.
     pub reward: RewardConfig,
-    /// Observation, action and gains; by default those of METHOD, section 7, for the robot.
+    /// Observation, action and gains; by default those of the skill's manifest, and without one those of
+    /// METHOD, section 7, for the robot.
     pub contract: Option<Contract>,
 }
 
@@ -138,6 +142,7 @@ impl Default for EnvironmentConfig {
                 TerrainShare { kind: TerrainKind::Rough, share: 0.2, size_m: [0.0, 0.1] },
             ],
             experts: BTreeMap::new(),
+            expert_parameters: BTreeMap::new(),
             spawn: SpawnRules { any_yaw_share: 0.0, ..SpawnRules::default() },
             start: StartRules::default(),
             command: CommandRules::default(),

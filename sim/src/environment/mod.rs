@@ -281,7 +281,7 @@ impl Environment {
         }
         let joints = &self.plant.measure().joint_position_rad;
         self.latency = Latency::new(self.episode.latency_ticks as usize, &ground.robot, joints);
-        self.views.reset(config.noise, self.stream("environment/sensors"));
+        self.views.reset(config.noise, self.episode.phase, self.stream("environment/sensors"));
         self.last_action.fill(0.0);
         self.air_time_s.fill(0.0);
         self.shadow = None;

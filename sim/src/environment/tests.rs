@@ -251,3 +251,25 @@ fn levels_get_harder_and_keep_inside_their_range() {
     assert!(sizes.windows(2).all(|pair| pair[0] < pair[1]), "{sizes:?}");
     assert!(sizes[0] >= 0.05 && sizes[5] <= 0.2 && sizes[5] > 0.17, "{sizes:?}");
 }
+
+#[test]
+fn an_observed_clock_starts_where_the_expert_starts() {
+    let mut contract = super::ground::standard_contract(&robot());
+    contract.observation.insert(0, ObservationTerm::gait_phase(0.5));
+    let ground = ground_of(EnvironmentConfig { contract: Some(contract), ..calm() });
+    let mut phases = Vec::new();
+    for index in 0..4 {
+        let mut environment = Environment::new(&ground, index);
+        environment.begin_episode();
+        let (policy, _) = seen(&environment);
+        let turns = policy[0].atan2(policy[1]) / std::f32::consts::TAU;
+        let difference = turns - environment.episode.phase;
+        assert!(
+            (difference - difference.round()).abs() < 1e-4,
+            "{turns} against {}",
+            environment.episode.phase
+        );
+        phases.push(environment.episode.phase);
+    }
+    assert!(phases.iter().any(|phase| (phase - phases[0]).abs() > 0.01), "{phases:?}");
+}

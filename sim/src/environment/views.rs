@@ -57,11 +57,13 @@ impl Views {
         }
     }
 
-    /// Forgets histories; `rng` feeds the noise from here on.
-    pub(super) fn reset(&mut self, noise: SensorNoise, rng: ChaCha8Rng) {
+    /// Forgets histories; a cycle that is observed starts at `phase`, and `rng` feeds the noise from here on.
+    pub(super) fn reset(&mut self, noise: SensorNoise, phase: f32, rng: ChaCha8Rng) {
         self.sensors = Sensors::new(noise, rng);
-        self.policy_observer.reset();
-        self.true_observer.reset();
+        for observer in [&mut self.policy_observer, &mut self.true_observer] {
+            observer.set_initial_phase(f64::from(phase));
+            observer.reset();
+        }
     }
 
     /// The robot as its noisy sensors have it.

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, anyhow, ensure};
 use serde_json::json;
-use vocaloco_core::{installation::Installation, robot::RobotModel};
+use vocaloco_core::{installation::Installation, manifest::SkillManifest, robot::RobotModel};
 use vocaloco_sim::environment::{Environment, EnvironmentConfig, TrainingGround};
 use vocaloco_sim::rollout::RolledSkill;
 
@@ -67,12 +67,26 @@ type Config = TrainingConfig<EnvironmentConfig>;
 pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     let installation = Installation::find()?;
     let robot = Arc::new(RobotModel::load(&installation.robots_folder(), &options.robot)?);
-    let file = installation.skill_folder(&options.skill).join("training.toml");
-    let mut config = Config::read(&file)?;
+    let (file, mut config) = read_config(&installation, &options.skill)?;
     options.apply_to(&mut config).with_context(|| file.display().to_string())?;
     let experts = load_experts(&installation, &robot, &config)?;
     let policy = installation.skill_folder(&options.skill).join("policy.onnx");
     Training::start(options, config, &robot, &experts)?.run(&policy)
+}
+
+/// A skill's `training.toml`, and what it says; a contract that it leaves out is that of the skill's manifest.
+///
+/// # Errors
+/// Either file is wrong.
+pub(super) fn read_config(installation: &Installation, skill: &str) -> anyhow::Result<(PathBuf, Config)> {
+    let file = installation.skill_folder(skill).join("training.toml");
+    let mut config = Config::read(&file)?;
+    let manifest = installation.skill_file(skill);
+    if config.environment.contract.is_none() && manifest.is_file() {
+        let manifest = SkillManifest::read(&manifest).map_err(|finding| anyhow!("{finding}"))?;
+        config.environment.contract = manifest.contract;
+    }
+    Ok((file, config))
 }
 
 /// The skills that a configuration names as experts, by name.
@@ -85,7 +99,8 @@ pub(super) fn load_experts(
     config: &Config,
 ) -> anyhow::Result<BTreeMap<String, RolledSkill>> {
     let names = config.environment.experts.values();
-    names.map(|name| Ok((name.clone(), load_skill(installation, robot, name)?))).collect()
+    let changed = &config.environment.expert_parameters;
+    names.map(|name| Ok((name.clone(), load_skill(installation, robot, name, changed)?))).collect()
 }
 
 impl Options {

@@ -17,7 +17,7 @@ use vocaloco_sim::threads::with_threads;
 
 use super::config::TrainingConfig;
 use super::learner::Learner;
-use super::run::load_experts;
+use super::run::{load_experts, read_config};
 use super::task::Task;
 use super::trainer::{Trainer, make_tasks, now, widths};
 
@@ -108,8 +108,7 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     ensure!(args.iterations > 0, "--iterations: found 0, wanted 1 or more");
     let installation = Installation::find()?;
     let robot = Arc::new(RobotModel::load(&installation.robots_folder(), &args.robot)?);
-    let file = installation.skill_folder(&args.skill).join("training.toml");
-    let mut config = Config::read(&file)?;
+    let (file, mut config) = read_config(&installation, &args.skill)?;
     config.environments = args.environments.unwrap_or(config.environments);
     config.check().with_context(|| format!("{} with --environments", file.display()))?;
     let experts = load_experts(&installation, &robot, &config)?;

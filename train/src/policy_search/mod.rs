@@ -10,6 +10,7 @@ mod history;
 mod space;
 
 use std::{
+    collections::BTreeMap,
     path::{Path, PathBuf},
     process::ExitCode,
     sync::{
@@ -92,19 +93,34 @@ pub fn run(args: &Options) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A structured controller with its present parameters, as the simulator rolls it out.
+/// A structured controller with its present parameters but for those in `changed`, as the simulator
+/// rolls it out.
 ///
 /// # Errors
-/// Its manifest, plugin or parameter file is missing or wrong.
+/// Its manifest, plugin or parameter file is missing or wrong, or has no parameter of a changed name.
 pub(crate) fn load_skill(
     installation: &Installation,
     robot: &RobotModel,
     name: &str,
+    changed: &BTreeMap<String, f64>,
 ) -> anyhow::Result<RolledSkill> {
     let manifest = read_manifest(installation, name)?;
     let library = PluginLibrary::open(&installation.plugin_path, &manifest.plugin)?;
-    let text = read(&parameter_file(installation, &manifest)?)?;
+    let path = parameter_file(installation, &manifest)?;
+    let text = changed_parameters(&read(&path)?, changed).with_context(|| path.display().to_string())?;
     Ok(RolledSkill::new(name, library, &text, robot)?)
+}
+
+/// A parameter text with other values for some of its parameters.
+fn changed_parameters(text: &str, changed: &BTreeMap<String, f64>) -> anyhow::Result<String> {
+    let mut parameters: toml::Table = toml::from_str(text)?;
+    for (parameter, value) in changed {
+        let place = parameters.get_mut(parameter).with_context(|| {
+            format!("{parameter}: found no such parameter, wanted one of this file in expert_parameters")
+        })?;
+        *place = toml::Value::Float(*value);
+    }
+    Ok(toml::to_string(&parameters)?)
 }
 
 fn read_manifest(installation: &Installation, skill: &str) -> anyhow::Result<SkillManifest> {
@@ -264,5 +280,20 @@ fn progress(generations: u64) -> ProgressBar {
     match style {
         Ok(style) => bar.with_style(style),
         Err(_) => bar,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_expert_takes_other_values_for_parameters_it_has_and_no_others() {
+        let text = "hurry = 0.3\nduty = 0.5\n";
+        let changed = changed_parameters(text, &BTreeMap::from([("hurry".to_owned(), 0.0)])).unwrap();
+        let table: toml::Table = toml::from_str(&changed).unwrap();
+        assert_eq!((table["hurry"].as_float(), table["duty"].as_float()), (Some(0.0), Some(0.5)));
+        let unknown = changed_parameters(text, &BTreeMap::from([("hury".to_owned(), 0.0)])).unwrap_err();
+        assert!(unknown.to_string().contains("hury"), "{unknown}");
     }
 }
