@@ -5,12 +5,13 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use serde::Serialize;
 
-use super::checkpoint::{Run, decode, encode, write_whole};
+use super::checkpoint::{Run, decode, encode};
 use super::config::Plan;
 use super::curves::Curves;
 use super::event_file;
 use super::learner::{Learner, Widths};
 use super::picture;
+use crate::files::write_whole;
 
 /// Where a run keeps what it has.
 pub struct RunFolder {

@@ -9,9 +9,10 @@ use anyhow::{Context, anyhow, ensure};
 use serde_json::json;
 use vocaloco_core::{installation::Installation, manifest::SkillManifest, robot::RobotModel};
 use vocaloco_sim::environment::{Environment, EnvironmentConfig, TrainingGround};
+use vocaloco_sim::identity::sha256_hex;
 use vocaloco_sim::rollout::RolledSkill;
 
-use super::checkpoint::{Run, write_whole};
+use super::checkpoint::Run;
 use super::config::TrainingConfig;
 use super::curves::Curves;
 use super::folder::{RunFolder, read_checkpoint};
@@ -20,6 +21,8 @@ use super::narration::{Narration, Pace};
 use super::policy_file::{metadata, onnx};
 use super::task::Task;
 use super::trainer::{Trainer, make_tasks, now, widths};
+use crate::card;
+use crate::files::write_whole;
 use crate::policy_search::load_skill;
 
 /// Which parts of the training are done.
@@ -196,7 +199,9 @@ impl<'a> Training<'a> {
         self.narration.end();
         let finished = self.trainer.is_done();
         if finished {
-            write_whole(policy, &self.policy()?)?;
+            let bytes = self.policy()?;
+            write_whole(policy, &bytes)?;
+            self.write_card(policy, &bytes)?;
         }
         let wall_s = started.elapsed().as_secs_f64();
         let spent = self.trainer.spent();
@@ -225,6 +230,42 @@ impl<'a> Training<'a> {
     fn policy(&self) -> anyhow::Result<Vec<u8>> {
         let metadata = metadata(self.ground.contract(), &self.options.skill, self.options.seed)?;
         Ok(onnx(&self.trainer.learner, metadata))
+    }
+
+    /// Where the policy came from, for the card beside it; what was measured of it is not known here.
+    fn write_card(&self, policy: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+        let learner = &self.trainer.learner;
+        let start = match &self.options.from_checkpoint {
+            Some(path) => format!("the networks of `{}`", path.display()),
+            None => "random weights".to_owned(),
+        };
+        let experts: Vec<String> = self
+            .config
+            .environment
+            .experts
+            .iter()
+            .map(|(terrain, skill)| format!("{terrain}: {skill}"))
+            .collect();
+        let hidden = &self.config.network.actor;
+        let last = |column: &str| {
+            let value = self.curves.column(column).last().map(|(_, value)| *value);
+            value.map_or_else(|| "none".to_owned(), |value| format!("{value:.4}"))
+        };
+        let facts = card::facts(&[
+            ("file", format!("sha256 `{}`", sha256_hex(bytes))),
+            ("made by", format!("`vocaloco {}`", std::env::args().skip(1).collect::<Vec<_>>().join(" "))),
+            ("seed", self.options.seed.to_string()),
+            ("network", format!("{} observations, {hidden:?} units, ELU", learner.actor.inputs())),
+            ("started from", start),
+            ("experts", experts.join(", ")),
+            ("imitation", format!("{} rounds", learner.rounds)),
+            ("reinforcement", format!("{} iterations of PPO", learner.iteration)),
+            ("steps", learner.steps.to_string()),
+            ("last mean reward of a step", last("reward")),
+            ("last mean level", format!("{} of {}", last("level"), self.config.environment.levels - 1)),
+        ]);
+        let folder = policy.parent().unwrap_or(Path::new("."));
+        card::write_section(folder, &self.options.skill, "policy.onnx", &facts)
     }
 
     fn imitate(&mut self) -> anyhow::Result<()> {

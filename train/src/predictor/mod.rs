@@ -4,7 +4,6 @@
 //! ([`kernel`]) instead of a learning library, and the same seed gives the same bytes whatever the
 //! number of threads.
 
-pub mod card;
 pub mod data;
 pub mod export;
 pub mod fit;

@@ -15,11 +15,12 @@ use vocaloco_core::installation::Installation;
 use vocaloco_sim::identity::sha256_hex;
 use vocaloco_sim::scores;
 
-use super::card;
 use super::data::DataSet;
 use super::export::{Origin, onnx, output_name};
 use super::fit::{Fitted, Options, fit};
 use super::sgd::Head;
+use crate::card;
+use crate::files::write_whole;
 
 /// Fit a skill's two predictors to its data set.
 ///
@@ -214,25 +215,9 @@ fn write(args: &Args, folder: &Path, set: &DataSet, head: Head, fitted: &Fitted)
     };
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     write_whole(&report.file, &bytes)?;
-    let card_file = folder.join("CARD.md");
-    let old = match std::fs::read_to_string(&card_file) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-        text => text.with_context(|| card_file.display().to_string())?,
-    };
     let section = section::section(args, set, head, fitted, &report);
-    write_whole(
-        &card_file,
-        card::with_section(&old, &args.skill, &format!("{kind}.onnx"), &section).as_bytes(),
-    )?;
+    card::write_section(folder, &args.skill, &format!("{kind}.onnx"), &section)?;
     Ok(report)
-}
-
-/// Written whole or not at all: a run that is killed leaves the old file.
-fn write_whole(file: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    let part = file.with_extension("part");
-    std::fs::write(&part, bytes)
-        .and_then(|()| std::fs::rename(&part, file))
-        .with_context(|| file.display().to_string())
 }
 
 #[expect(clippy::print_stdout, reason = "the verb's result")]

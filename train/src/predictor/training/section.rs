@@ -2,11 +2,11 @@
 
 use vocaloco_sim::scores;
 
-use super::super::card;
 use super::super::data::DataSet;
 use super::super::fit::Fitted;
 use super::super::sgd::Head;
 use super::{Args, Report};
+use crate::card;
 
 /// The section of one model, without its heading.
 pub(super) fn section(args: &Args, set: &DataSet, head: Head, fitted: &Fitted, report: &Report) -> String {

@@ -2,6 +2,24 @@
 //! writing one leaves the others as they are.
 
 use std::fmt::Write;
+use std::path::Path;
+
+use anyhow::Context;
+
+use crate::files::write_whole;
+
+/// Writes the section `## heading` into `folder/CARD.md`, as [`with_section`] does.
+///
+/// # Errors
+/// The file cannot be read or written.
+pub fn write_section(folder: &Path, title: &str, heading: &str, body: &str) -> anyhow::Result<()> {
+    let file = folder.join("CARD.md");
+    let old = match std::fs::read_to_string(&file) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
+        text => text.with_context(|| file.display().to_string())?,
+    };
+    write_whole(&file, with_section(&old, title, heading, body).as_bytes())
+}
 
 /// Replaces the section `## heading` of a card, or appends it; the rest stays as it is.
 ///
