@@ -13,6 +13,7 @@ use vocaloco_plugin_api::{
 };
 
 use super::config::{ConfigError, EnvironmentConfig, TerrainShare};
+use super::mirror::Mirror;
 use crate::{
     driver::TICK_S,
     plant::{Plant, PlantKind},
@@ -65,6 +66,7 @@ pub struct TrainingGround {
     pub(super) robot: Arc<RobotModel>,
     pub(super) contract: Contract,
     pub(super) action_map: ActionMap,
+    pub(super) mirror: Option<Mirror>,
     /// Cloned by each environment.
     pub(super) observer: Observer,
     pub(super) experts: BTreeMap<TerrainKind, RolledSkill>,
@@ -97,6 +99,7 @@ impl TrainingGround {
         if (contract.rate_hz * TICK_S - 1.0).abs() > 1e-9 {
             return Err(EnvironmentError::Rate(contract.rate_hz));
         }
+        let mirror = Mirror::new(&contract, &robot.description);
         let mut chosen = BTreeMap::new();
         for (kind, name) in &config.experts {
             let unknown = || EnvironmentError::Expert {
@@ -112,6 +115,7 @@ impl TrainingGround {
             robot: Arc::clone(robot),
             contract,
             action_map,
+            mirror,
             observer,
             experts: chosen,
             seed,

@@ -8,6 +8,7 @@ mod config;
 mod curriculum;
 mod episode;
 mod ground;
+mod mirror;
 mod reward;
 mod shadow;
 pub mod speed;
@@ -25,6 +26,7 @@ pub use config::{
     VariationRules,
 };
 pub use ground::{EnvironmentError, TrainingGround, standard_contract};
+pub use mirror::Mirror;
 pub use reward::{RewardConfig, RewardTerm, RewardWeights};
 
 use crate::{
@@ -239,6 +241,11 @@ impl Environment {
     /// The joint targets behind the latest [`expert_action`](Self::expert_action), if it gave one.
     pub fn expert_targets(&self) -> Option<&[JointTarget]> {
         self.shadow.as_ref()?.latest()
+    }
+
+    /// How left and right are exchanged, on a robot that is its own mirror image.
+    pub fn mirror(&self) -> Option<&Mirror> {
+        self.ground.mirror.as_ref()
     }
 
     /// The latest step's reward by term, times weight and time step.

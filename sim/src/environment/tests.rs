@@ -273,3 +273,64 @@ fn an_observed_clock_starts_where_the_expert_starts() {
     }
     assert!(phases.iter().any(|phase| (phase - phases[0]).abs() > 0.01), "{phases:?}");
 }
+
+#[test]
+fn a_robot_that_acts_in_the_mirror_is_the_mirror_image() {
+    let ground = ground_of(calm());
+    let [mut original, mut image] = [0, 0].map(|index| Environment::new(&ground, index));
+    let mirror = original.mirror().expect("the shipped robot is its own mirror image").clone();
+    let mut mirrored = vec![0.0; original.action_len()];
+    let mut reflected = vec![0.0; original.observation_len()];
+    for tick in 0..25 {
+        let action = shaking(&original, tick);
+        mirror.action(&action, &mut mirrored);
+        original.step(&action);
+        image.step(&mirrored);
+        let [(first, _), (second, _)] = [seen(&original), seen(&image)];
+        mirror.observation(&first, &mut reflected);
+        for (at, (found, wanted)) in second.iter().zip(&reflected).enumerate() {
+            assert!((found - wanted).abs() < 0.02, "tick {tick}, value {at}: {found}, wanted {wanted}");
+        }
+        let different = first.iter().zip(&second).any(|(a, b)| (a - b).abs() > 0.05);
+        assert!(tick < 5 || different, "tick {tick}: nothing sets left apart from right");
+    }
+}
+
+#[test]
+fn twice_in_the_mirror_is_as_before_in_every_layout() {
+    use vocaloco_plugin_api::{
+        contract::Contract,
+        observation::{HeightOrder, HistoryLayout},
+    };
+    let robot = robot();
+    let all = |order, layout| -> Contract {
+        let mut contract = super::ground::standard_contract(&robot);
+        contract.history_layout = layout;
+        contract.observation.push(ObservationTerm::new(Term::FootContact, 1.0));
+        contract.observation.push(ObservationTerm::gait_phase(0.5));
+        for term in &mut contract.observation {
+            term.history = 2;
+            if let Some(patch) = &mut term.patch {
+                patch.order = order;
+            }
+        }
+        contract
+    };
+    for order in [HeightOrder::RowsFromRight, HeightOrder::RowsFromLeft, HeightOrder::ColumnsFromRight] {
+        for layout in [HistoryLayout::TermMajor, HistoryLayout::TimeMajor] {
+            let contract = all(order, layout);
+            let len =
+                vocaloco_plugin_api::observation::Observer::new(&contract, &robot.description).unwrap().len();
+            let mirror = Mirror::new(&contract, &robot.description).unwrap();
+            let original: Vec<f32> = (0..len).map(|at| at as f32).collect();
+            let (mut once, mut twice) = (vec![0.0; len], vec![f32::NAN; len]);
+            mirror.observation(&original, &mut once);
+            mirror.observation(&once, &mut twice);
+            assert_eq!(twice, original, "{order:?}, {layout:?}");
+            assert_ne!(once, original);
+        }
+    }
+    let mut lopsided = super::ground::standard_contract(&robot);
+    lopsided.action.default_position_rad.insert("LF_HAA".to_owned(), 0.3);
+    assert_eq!(Mirror::new(&lopsided, &robot.description), None);
+}

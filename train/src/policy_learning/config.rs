@@ -151,6 +151,9 @@ pub struct PpoConfig {
     pub imitation: f32,
     /// What that weight is multiplied by each iteration; below a hundredth of the start it is 0.
     pub imitation_decay: f64,
+    /// Weight of the squared distance to what the policy does as its own mirror image, where no expert is
+    /// asked; 0 lets left and right differ.
+    pub symmetry: f32,
 }
 
 impl Default for PpoConfig {
@@ -172,6 +175,7 @@ impl Default for PpoConfig {
             critic_iterations: 0,
             imitation: 0.0,
             imitation_decay: 0.98,
+            symmetry: 0.0,
         }
     }
 }
@@ -284,7 +288,8 @@ impl PpoConfig {
         within("ppo.value_loss", self.value_loss.into(), 0.0, 100.0)?;
         within("ppo.longest_gradient", self.longest_gradient.into(), 1e-6, 1e6)?;
         within("ppo.imitation", self.imitation.into(), 0.0, 1000.0)?;
-        within("ppo.imitation_decay", self.imitation_decay, 0.0, 1.0)
+        within("ppo.imitation_decay", self.imitation_decay, 0.0, 1.0)?;
+        within("ppo.symmetry", self.symmetry.into(), 0.0, 1000.0)
     }
 }
 

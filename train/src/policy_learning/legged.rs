@@ -42,6 +42,10 @@ impl Task for Environment {
         self.expert_action(action)
     }
 
+    fn mirror(&self) -> Option<&environment::Mirror> {
+        self.mirror()
+    }
+
     fn reward_terms(&self) -> &[(&'static str, f32)] {
         self.reward_terms()
     }

@@ -1,5 +1,7 @@
 //! What the learner asks of an environment; of physics it knows nothing else.
 
+use vocaloco_sim::environment::Mirror;
+
 /// How an episode ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
@@ -48,6 +50,11 @@ pub trait Task: Send {
     ///
     /// Asked at most once before a step, whoever then drives.
     fn expert_action(&mut self, action: &mut [f32]) -> bool;
+
+    /// How left and right are exchanged, where that is another state of the same problem.
+    fn mirror(&self) -> Option<&Mirror> {
+        None
+    }
 
     /// The last step's reward by term, always the same terms in the same order.
     fn reward_terms(&self) -> &[(&'static str, f32)];

@@ -43,7 +43,7 @@ pub struct Track {
     pub ends: Vec<Option<End>>,
     /// What the critic saw last in each episode that timed out.
     pub timed_out: Vec<f32>,
-    /// What the expert would have done, where it was asked.
+    /// What the expert would have done, or whatever else the policy is pulled towards, where it was asked.
     pub expert: Vec<f32>,
     /// Sums of the reward's terms.
     pub terms: Vec<f64>,
@@ -54,6 +54,17 @@ pub struct Track {
     episode_steps: u64,
     episode_reward: f64,
     scratch: Scratch,
+}
+
+/// What the policy is pulled towards while it explores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pull {
+    /// Nothing.
+    None,
+    /// What the expert would have done.
+    Expert,
+    /// What the policy does as its own mirror image.
+    Mirror,
 }
 
 /// Who drives while an expert is imitated.
@@ -108,10 +119,11 @@ impl Track {
         policy: &SinglePass,
         spread: Spread<'_>,
         steps: usize,
-        asks_expert: bool,
+        pull: Pull,
         rng: &mut ChaCha8Rng,
     ) {
         let mut action = vec![0.0; task.action_len()];
+        let mut mirrored = vec![0.0; task.observation_len()];
         for _ in 0..steps {
             let observation = self.see(task);
             let mean = policy.answer(&self.observation[observation..], &mut self.scratch);
@@ -119,12 +131,23 @@ impl Track {
             self.log_probability.push(spread.log_probability(mean, &action));
             self.mean.extend_from_slice(mean);
             self.action.extend_from_slice(&action);
-            if asks_expert {
-                let at = self.expert.len();
-                self.expert.resize(at + action.len(), 0.0);
-                if !task.expert_action(&mut self.expert[at..]) {
-                    // No expert here: nothing pulls away from what the policy does.
-                    self.expert[at..].copy_from_slice(mean);
+            let at = self.expert.len();
+            match pull {
+                Pull::None => {}
+                Pull::Expert => {
+                    // Without an expert nothing pulls away from what the policy does.
+                    self.expert.resize(at + action.len(), 0.0);
+                    if !task.expert_action(&mut self.expert[at..]) {
+                        self.expert[at..].copy_from_slice(mean);
+                    }
+                }
+                Pull::Mirror => {
+                    self.expert.extend_from_slice(mean);
+                    if let Some(mirror) = task.mirror() {
+                        mirror.observation(&self.observation[observation..], &mut mirrored);
+                        let answer = policy.answer(&mirrored, &mut self.scratch);
+                        mirror.action(answer, &mut self.expert[at..]);
+                    }
                 }
             }
             self.take(task, &action);
@@ -133,7 +156,7 @@ impl Track {
     }
 
     /// Takes `steps` steps, driven in stints by the expert or the policy, and keeps those that the expert
-    /// has a label for.
+    /// has a label for, each also as seen in the mirror where the task has one.
     pub fn imitate<T: Task>(
         &mut self,
         task: &mut T,
@@ -143,6 +166,7 @@ impl Track {
         rng: &mut ChaCha8Rng,
     ) {
         let mut label = vec![0.0; task.action_len()];
+        let mut mirrored = vec![0.0; task.observation_len()];
         let mut expert_drives = false;
         for step in 0..steps {
             if step % mixture.stint_steps == 0 {
@@ -158,6 +182,13 @@ impl Track {
             let action: Vec<f32> = driver.iter().map(|a| a + mixture.noise_std * normal(rng)).collect();
             if labelled {
                 self.expert.extend_from_slice(&label);
+                if let Some(mirror) = task.mirror() {
+                    mirror.observation(&self.observation[observation..], &mut mirrored);
+                    self.observation.extend_from_slice(&mirrored);
+                    let at = self.expert.len();
+                    self.expert.resize(at + label.len(), 0.0);
+                    mirror.action(&label, &mut self.expert[at..]);
+                }
             } else {
                 self.observation.truncate(observation);
             }

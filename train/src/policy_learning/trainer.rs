@@ -15,7 +15,7 @@ use super::imitation::{Imitation, RoundRecord};
 use super::learner::{Learner, Widths};
 use super::ppo::{Ppo, Turn, UpdateRecord};
 use super::task::Task;
-use super::track::{Episodes, Track};
+use super::track::{Episodes, Pull, Track};
 
 /// What the environments went through in an iteration or a round.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -183,7 +183,7 @@ impl<T: Task> Trainer<T> {
     fn iterate(&mut self) -> anyhow::Result<IterationRecord> {
         let config = self.plan.ppo.clone();
         let iteration = self.learner.iteration;
-        let imitation = imitation_weight(&config, iteration);
+        let (pull, weight) = pull(&config, iteration);
         let policy = self.learner.single_pass();
         let spread = self.learner.spread();
         let seed = self.seed;
@@ -192,7 +192,7 @@ impl<T: Task> Trainer<T> {
         tasks.for_each(|(number, (task, track))| {
             track.clear();
             let mut rng = stream(seed, "policy_learning/exploration", &[iteration, number as u64]);
-            track.explore(task, &policy, spread, config.steps, imitation > 0.0, &mut rng);
+            track.explore(task, &policy, spread, config.steps, pull, &mut rng);
         });
         self.spent.drive_s += since.elapsed().as_secs_f64();
         self.after_drive()?;
@@ -203,7 +203,7 @@ impl<T: Task> Trainer<T> {
             &config,
             Turn {
                 seed,
-                imitation,
+                imitation: weight,
                 fits_policy: iteration >= config.critic_iterations,
                 least_std: self.plan.network.least_std,
             },
@@ -295,10 +295,14 @@ impl<T: Task> Trainer<T> {
     }
 }
 
-/// Weight of the expert in an iteration, 0 once it has fallen below a hundredth.
-fn imitation_weight(config: &super::config::PpoConfig, iteration: u64) -> f32 {
+/// What the policy is pulled towards in an iteration, and how much: the expert, until its weight has fallen
+/// below a hundredth, then its own mirror image.
+fn pull(config: &super::config::PpoConfig, iteration: u64) -> (Pull, f32) {
     let share = libm::pow(config.imitation_decay, iteration as f64);
-    if share < 0.01 { 0.0 } else { config.imitation * share as f32 }
+    if config.imitation > 0.0 && share >= 0.01 {
+        return (Pull::Expert, config.imitation * share as f32);
+    }
+    if config.symmetry > 0.0 { (Pull::Mirror, config.symmetry) } else { (Pull::None, 0.0) }
 }
 
 /// Makes the tasks of a plan, on all threads.

@@ -56,7 +56,7 @@ pub(super) struct Driven {
 impl Driven {
     /// Reached, and the skill made for these stairs was never needed.
     pub(super) fn walked_through(&self) -> bool {
-        self.run.outcome == Outcome::Reached && !self.run.skills().contains(&story::made_for(self.run.kind))
+        self.run.outcome == Outcome::Reached && !self.run.skills().contains(&story::made_for(&self.run))
     }
 }
 

@@ -9,12 +9,16 @@ use vocaloco_sim::{
 
 use crate::report::{Story, path};
 
-/// The skill that the paper uses on these stairs.
-pub(super) fn made_for(kind: CourseKind) -> &'static str {
-    match kind {
+/// The deployed skill that is made for these stairs: the paper's `ascend` or `descend`, of whichever kind
+/// (`ascend_network`).
+pub(super) fn made_for(run: &CourseRun) -> &str {
+    let name = match run.kind {
         CourseKind::StairsUp => "ascend",
         CourseKind::StairsDown => "descend",
-    }
+    };
+    let verdicts = run.ticks.iter().find_map(|tick| tick.decision.as_ref()).map(|it| it.skills.as_slice());
+    let deployed = verdicts.unwrap_or_default().iter().map(|verdict| verdict.name.as_str());
+    deployed.into_iter().find(|deployed| deployed.starts_with(name)).unwrap_or(name)
 }
 
 /// A robot that came less far than this has not walked up to anything, m. A step that it shuns is in
@@ -83,7 +87,7 @@ fn walked_up_and_stopped_short(run: &CourseRun, robot: &RobotModel) -> bool {
 
 /// What there is to say when a reached course did not go walk → made for it → walk.
 fn note(run: &CourseRun, thresholds: &[(String, f32)]) -> String {
-    let made_for = made_for(run.kind);
+    let made_for = made_for(run);
     let paper = format!("walk → {made_for} → walk");
     if run.outcome != Outcome::Reached || path(run) == paper {
         return String::new();
