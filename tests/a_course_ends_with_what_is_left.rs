@@ -53,7 +53,7 @@ fn three_broken_skills_are_passed_over_and_the_fourth_reaches() {
     let explained = run(&fixture, &["explain", log, "--json"]);
     let events = explained["events"].to_string();
     let mut wanted =
-        vec!["skill hanging is taken out of service: act: found no answer", "ended by signal 11"];
+        vec!["skill hanging is taken out of service: reset: found no answer", "ended by signal 11"];
     if refused_at_load == 0 {
         wanted.push("dreaming");
     }

@@ -51,21 +51,17 @@ fn a_plugin_that_fails_or_answers_nonsense() {
 
 #[test]
 fn a_plugin_that_hangs_or_is_slow_in_real_time() {
-    for (fault, act_s) in [("hang", 0.15), ("spin", 0.15), ("slow", 0.1)] {
+    let act_s = 0.7;
+    for fault in ["hang", "slow"] {
         let mut walking = Walking::at_speed(fault, Isolation::None, Some(act_s));
         let decision = walking.until_bad_is_called();
-        let late =
-            format!("skill bad is late: act: found no answer, wanted one within {:.1} ms", 1e3 * act_s);
-        assert_stands(&walking, &decision, Forced::Overrun, &late);
+        let late = "skill bad is late: act: found no answer, wanted one within 700.0 ms";
+        assert_stands(&walking, &decision, Forced::Overrun, late);
         let second = walking.tick();
-        assert_stands(&walking, &second, Forced::Overrun, &late);
+        assert_stands(&walking, &second, Forced::Overrun, "skill bad is late: reset: found no answer");
         let third = walking.tick();
-        assert_stands(
-            &walking,
-            &third,
-            Forced::Fault,
-            "skill bad is taken out of service: act: found no answer",
-        );
+        let out = "skill bad is taken out of service: reset: found no answer";
+        assert_stands(&walking, &third, Forced::Fault, out);
         assert_eq!(third.skills[1].reason, Reason::TooSlow, "{fault}");
         assert_walks_on(&mut walking, fault);
     }
@@ -96,7 +92,7 @@ fn an_isolated_plugin_that_ends_its_process_grows_or_never_returns() {
 
 #[test]
 fn an_isolated_plugin_that_hangs_in_real_time() {
-    let mut walking = Walking::at_speed("spin", Isolation::Process, Some(0.15));
+    let mut walking = Walking::at_speed("spin", Isolation::Process, Some(0.7));
     let decision = walking.until_bad_is_called();
     assert_stands(&walking, &decision, Forced::Overrun, "skill bad is late: act: found no answer");
     walking.tick();

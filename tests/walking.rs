@@ -94,7 +94,7 @@ impl Walking {
             let supervision = Supervision { clock, deadlines, pace: Pace::Real };
             runtime = runtime.supervised(supervision).expect("threads");
         }
-        let course = CourseConfig::demo(CourseKind::StairsUp, 0.12, 7);
+        let course = CourseConfig::demo(CourseKind::StairsUp, 0.02, 7);
         let CourseStage { terrain, plant } = CourseStage::set(&robot, &course).expect("a settled robot");
         Self {
             joints: vec![JointTarget::default(); robot.joint_count()],

@@ -115,7 +115,7 @@ fn a_deployment_out_of_range_is_refused_by_field() {
         ("\"descend\"]", "\"walk\"]", "skills[2]"),
         ("[\"walk\", \"ascend\", \"descend\"]", "[]", "skills"),
         ("[heightfield]", "[deadlines]\nact_s = nan\n[heightfield]", "deadlines.act_s"),
-        ("[heightfield]", "[deadlines]\npredict_s = 0.004\n[heightfield]", "deadlines.predict_s"),
+        ("[heightfield]", "[deadlines]\npredict_s = 0.0041\n[heightfield]", "deadlines.predict_s"),
     ] {
         assert!(DEPLOYMENT.contains(from), "{from}");
         let finding = written("d.toml", &DEPLOYMENT.replacen(from, to, 1), Deployment::read).expect_err(to);

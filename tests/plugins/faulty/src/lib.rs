@@ -23,7 +23,7 @@ enum Fault {
     NegativeStiffness,
     /// Leaves the targets as they were handed in.
     Silent,
-    /// Sleeps 200 ms.
+    /// Sleeps 1.5 s.
     Slow,
     /// Says 1e9 rad.
     Billion,
@@ -146,7 +146,7 @@ impl Skill for Faulty {
                 Fault::InfiniteGain => joint.damping_nms_per_rad = f32::INFINITY,
                 Fault::OutOfRange => joint.position_rad = 50.0,
                 Fault::NegativeStiffness => joint.stiffness_nm_per_rad = -80.0,
-                Fault::Slow => std::thread::sleep(Duration::from_millis(200)),
+                Fault::Slow => std::thread::sleep(Duration::from_millis(1500)),
                 Fault::Billion => joint.position_rad = 1e9,
                 Fault::Long => joints[self.stand_rad.len()] = JointTarget::default(),
                 Fault::Hang => loop {
