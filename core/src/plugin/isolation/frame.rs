@@ -131,7 +131,7 @@ pub(super) fn read_answer(bytes: &[u8], joints: &mut [JointTarget]) -> Result<()
 
 fn put(bytes: &mut Vec<u8>, values: &[f32]) {
     bytes.extend((values.len() as u32).to_le_bytes());
-    values.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
+    bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
 }
 
 fn put_joints(bytes: &mut Vec<u8>, joints: &[JointTarget]) {
@@ -143,7 +143,7 @@ fn put_joints(bytes: &mut Vec<u8>, joints: &[JointTarget]) {
             joint.damping_nms_per_rad,
             joint.feed_forward_nm,
         ];
-        values.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
+        bytes.extend(values.iter().flat_map(|value| value.to_le_bytes()));
     }
 }
 

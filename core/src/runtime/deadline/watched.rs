@@ -125,6 +125,6 @@ impl Predict for WatchedPredictors {
     fn predict(&mut self, field: &Field) -> (Prediction, Option<CallFault>) {
         let fill = |question: &mut Question| question.field = Some(field.clone());
         let answered = self.worker.ask(self.budget, fill, |question| question.answer.clone());
-        answered.unwrap_or_else(|TooLate| (Prediction::NONE, Some(CallFault::Overrun(self.budget))))
+        answered.unwrap_or((Prediction::NONE, Some(CallFault::Overrun(self.budget))))
     }
 }
