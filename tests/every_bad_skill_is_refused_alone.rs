@@ -4,7 +4,8 @@
 use std::fs;
 
 use vocaloco_core::plugin::library_file_name;
-use vocaloco_core::registry::{LoadError, load_deployment};
+use vocaloco_core::registry::{LoadError, ModelPolicy, check_skill, load_deployment};
+use vocaloco_core::robot::RobotModel;
 use vocaloco_tests::{Fixture, constant_model, constant_model_of_shape, plugin_folder};
 
 const MANIFEST: &str = "manifests/skills/bad.toml";
@@ -241,4 +242,51 @@ fn a_rate_that_the_plugin_does_not_run_at() {
     fixture.alter("manifests/deployments/slow.toml", "schema = 1", "schema = 1\nrate_hz = 20");
     let line = load_deployment(&fixture.installation(), "slow").expect_err("an error").to_string();
     assert!(line.contains("slow.toml: rate_hz: found 20, wanted 50"), "{line}");
+}
+
+#[test]
+fn an_isolation_that_is_not_known() {
+    refused(
+        |fixture| fixture.alter(MANIFEST, "plugin =", "isolation = \"virtual_machine\"\nplugin ="),
+        &[MANIFEST, "isolation", "virtual_machine", "`none` or `process`"],
+    );
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn an_isolated_plugin_that_ends_its_process_when_created() {
+    refused(
+        |fixture| {
+            fixture.alter(MANIFEST, "plugin =", "isolation = \"process\"\nplugin =");
+            fixture.write("skills/bad/fault.txt", b"abort_in_create");
+        },
+        &["isolation", "ended by signal 6", "makes an instance"],
+    );
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn parameters_that_an_isolated_plugin_refuses() {
+    refused(
+        |fixture| {
+            fixture.alter(MANIFEST, "plugin =", "isolation = \"process\"\nplugin =");
+            fixture.write("skills/bad/fault.txt", b"levitate");
+        },
+        &["skills/bad/fault.txt", "parameters", "levitate"],
+    );
+}
+
+#[test]
+fn a_plugin_that_answers_the_same_inputs_otherwise_is_found_by_a_check() {
+    let fixture = Fixture::new();
+    fixture.add_skill("sound", "none", 0.97, 0.3);
+    fixture.add_skill("drifting", "drift 4", 0.97, 0.3);
+    let installation = fixture.installation();
+    let robot = RobotModel::load(&installation.robots_folder(), "anymal_d").expect("the robot");
+    let check = |name| check_skill(&installation, name, &robot.description, ModelPolicy::Required);
+    assert_eq!(check("sound"), []);
+    let findings = check("drifting");
+    let [finding] = findings.as_slice() else { panic!("one finding, not {findings:?}") };
+    assert_eq!(finding.field, "act", "{finding}");
+    assert!(finding.found.contains("LH_HFE in tick 4"), "{finding}");
 }

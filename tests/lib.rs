@@ -5,9 +5,11 @@ use std::sync::OnceLock;
 
 mod installation;
 mod model;
+mod walking;
 
 pub use installation::Fixture;
 pub use model::{PolicyModel, constant_model, constant_model_of_shape};
+pub use walking::{Says, Walking};
 
 /// The folder with the libraries of all plugins, the shipped ones and those that misbehave for tests;
 /// built on the first call.

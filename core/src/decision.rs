@@ -45,6 +45,8 @@ pub enum Forced {
     Observation,
     /// The active skill was taken out of service.
     Fault,
+    /// A call for the active skill took longer than its budget: the stand drives for this tick.
+    Overrun,
 }
 
 /// Wall-clock time spent, µs; only measured where a clock is given.
@@ -114,6 +116,7 @@ impl Decision {
                 Forced::Terrain => "terrain unusable: stop",
                 Forced::Observation => "measurement unusable: stop",
                 Forced::Fault => "active skill out of service: stop",
+                Forced::Overrun => "active skill over its budget: it stands for this tick",
             });
             self.reason = words;
             return;

@@ -10,8 +10,8 @@ use std::sync::Arc;
 use vocaloco_plugin_api::{CommandKind, Description, Needs, RobotDescription};
 
 use crate::installation::Installation;
-use crate::manifest::{Deployment, Finding, SkillManifest, is_snake_case, read_bounded};
-use crate::plugin::{PluginError, PluginInstance, PluginLibrary};
+use crate::manifest::{Deployment, Finding, Isolation, SkillManifest, is_snake_case, read_bounded};
+use crate::plugin::{PluginError, PluginInstance, PluginLibrary, repeats};
 use crate::policy::PolicyNetwork;
 use crate::predictor::{ModelError, Predictor, Quantity};
 use crate::robot::{RobotError, RobotModel};
@@ -153,15 +153,24 @@ pub fn load_skill(
     })
 }
 
-/// All that is wrong with a skill; nothing when it is sound.
+/// All that is wrong with a skill; nothing when it is sound. A sound one is also driven for a moment, to
+/// see whether the same inputs give the same targets.
 pub fn check_skill(
     installation: &Installation,
     name: &str,
     robot: &RobotDescription,
     models: ModelPolicy,
 ) -> Vec<Finding> {
-    let findings = examine(installation, name, robot, models).err().unwrap_or_default();
+    let findings = match examine(installation, name, robot, models) {
+        Err(findings) => findings,
+        Ok(loaded) => repeats(&loaded, robot).err().into_iter().collect(),
+    };
     findings.into_iter().map(|finding| finding.relative_to(&installation.root)).collect()
+}
+
+fn repeats(loaded: &LoadedSkill, robot: &RobotDescription) -> Result<(), Finding> {
+    let mut instance = loaded.create(robot).map_err(PluginError::into_finding)?;
+    repeats::check(loaded.library.file(), &mut instance, robot, &loaded.manifest.command)
 }
 
 fn named(file: &Path, name: &str, kind: &str) -> Result<(), Finding> {
@@ -209,14 +218,17 @@ fn examine(
     };
     let network = manifest.models.policy.as_ref().map(|path| PolicyNetwork::load(&folder.join(path)));
     let network = network.transpose().map_err(|ModelError(finding)| finding);
-    let library =
-        PluginLibrary::open(&installation.plugin_path, &manifest.plugin).map_err(|error| match error {
-            PluginError::NotFound(missing) => {
-                let found = format!("{:?}, no {}", manifest.plugin, missing.file.display());
-                Finding::new(&file, "plugin", found, missing.wanted)
-            }
-            error => error.into_finding(),
-        });
+    let open = match manifest.isolation {
+        Isolation::None => PluginLibrary::open,
+        Isolation::Process => PluginLibrary::open_isolated,
+    };
+    let library = open(&installation.plugin_path, &manifest.plugin).map_err(|error| match error {
+        PluginError::NotFound(missing) if missing.field == "plugin" => {
+            let found = format!("{:?}, no {}", manifest.plugin, missing.file.display());
+            Finding::new(&file, "plugin", found, missing.wanted)
+        }
+        error => error.into_finding(),
+    });
     if let Ok(library) = &library {
         findings.extend(misfits(&manifest, library.description()));
         findings.extend(policy_misfits(&manifest, library.description()));

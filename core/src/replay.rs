@@ -28,7 +28,7 @@ impl Replayed {
 /// for a tick and a skill.
 ///
 /// What overruled the window then (unknown terrain, unusable measurements, a zero command) does so
-/// again; a plugin that failed fails again if it is the active one in the same tick.
+/// again; a plugin that failed, or was late, does so again if it is the active one in the same tick.
 pub fn replay(
     rules: &[Rule],
     windows: Windows,
@@ -45,6 +45,12 @@ pub fn replay(
         if matches!(forced, Some(Forced::Terrain | Forced::Observation)) {
             filter.stop_now();
         } else {
+            for (skill, then) in decision.skills.iter().enumerate().take(rules.len()) {
+                // Its prediction was late for the third time, before anything was chosen.
+                if then.reason == Reason::TooSlow && then.viability.is_none() && then.cot.is_none() {
+                    selector.retire(skill, Reason::TooSlow);
+                }
+            }
             predictions.clear();
             predictions.extend((0..rules.len()).map(|skill| predict(decision, skill)));
             let [forward, left, yaw_rate] = decision.command;
@@ -61,9 +67,10 @@ pub fn replay(
             } else {
                 let viable = verdict.is_none_or(|verdict| matches!(verdict, Reason::Viable { .. }));
                 if let Active::Skill(skill) = filter.step(choice, viable)
-                    && decision.skills.get(skill).is_some_and(|then| then.reason == Reason::PluginFailed)
+                    && let Some(why @ (Reason::PluginFailed | Reason::TooSlow)) =
+                        decision.skills.get(skill).map(|then| then.reason)
                 {
-                    selector.retire(skill, Reason::PluginFailed);
+                    selector.retire(skill, why);
                     filter.stop_now();
                     choice = Choice::Stop;
                 }
@@ -76,6 +83,8 @@ pub fn replay(
                 Choice::Skill(skill) => name(skill),
             },
             active: match filter.active() {
+                // The skill is the active one still, and was late in this tick.
+                _ if forced == Some(Forced::Overrun) => STAND.to_owned(),
                 Active::Stand => STAND.to_owned(),
                 Active::Skill(skill) => name(skill),
             },

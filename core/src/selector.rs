@@ -86,12 +86,14 @@ pub enum Reason {
     PredictionsFailed,
     /// Out of service: its plugin failed.
     PluginFailed,
+    /// Out of service: three of its calls within a second took longer than their budget.
+    TooSlow,
 }
 
 impl Reason {
     /// Whether the skill will not be looked at again in this run.
     pub const fn is_out_of_service(self) -> bool {
-        matches!(self, Self::PredictionsFailed | Self::PluginFailed)
+        matches!(self, Self::PredictionsFailed | Self::PluginFailed | Self::TooSlow)
     }
 }
 
@@ -110,6 +112,7 @@ impl fmt::Display for Reason {
             Self::NoObservation => f.write_str("measurement unusable"),
             Self::PredictionsFailed => f.write_str("out of service: three unusable predictions in a row"),
             Self::PluginFailed => f.write_str("out of service: its plugin failed"),
+            Self::TooSlow => f.write_str("out of service: three calls over their budget within a second"),
         }
     }
 }

@@ -15,6 +15,7 @@ mod evaluate;
 mod explain;
 #[cfg(feature = "sim")]
 mod look;
+mod plugin_host;
 #[cfg(feature = "sim")]
 mod rolled;
 mod run;
@@ -66,6 +67,9 @@ pub(crate) enum Verb {
     Run(run::Args),
     /// Say why each skill was chosen or refused, from a decisions log
     Explain(explain::Args),
+    /// Run one plugin for another process of this program
+    #[command(hide = true)]
+    PluginHost(plugin_host::Args),
 }
 
 impl Verb {
@@ -87,6 +91,7 @@ impl Verb {
             Self::Look(args) => look::run(&args),
             Self::Run(args) => run::run(args),
             Self::Explain(args) => explain::run(args),
+            Self::PluginHost(args) => plugin_host::run(&args),
         }
     }
 }

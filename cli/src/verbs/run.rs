@@ -2,6 +2,7 @@
 
 #[cfg(feature = "sim")]
 mod course;
+pub(crate) mod pace;
 mod replay;
 mod stdio;
 
@@ -21,6 +22,10 @@ use crate::exit::Exit;
 /// clean stop, and exit code 1 says that a line could not be used. `--source sim`: a course in the
 /// simulator. `--source replay:FILE`: decides the fields of a log over again and compares; exit
 /// code 1 when anything comes out otherwise.
+///
+/// Without `--real-time` the loop lives in the source's time: calls over their budget are counted, and a
+/// run repeats. With it such a call means stand, and the simulator keeps to the clock. What ticks took is
+/// the last line on stderr; with `--json` it is an object.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
@@ -34,6 +39,9 @@ pub(crate) struct Args {
     /// Write every decision to this MCAP file; not with replay:FILE
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
+    /// Stand rather than wait for a plugin or a prediction over its budget; not with replay:FILE
+    #[arg(long)]
+    real_time: bool,
     #[cfg(feature = "sim")]
     #[command(flatten)]
     course: course::CourseArgs,

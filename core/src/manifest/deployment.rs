@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
+use super::deadlines::{Deadlines, RawDeadlines};
 use super::reader::Source;
 use super::{Finding, is_snake_case};
 
@@ -28,6 +29,8 @@ pub struct Deployment {
     pub resume_window: usize,
     /// When terrain counts as unknown.
     pub heightfield: HeightfieldLimits,
+    /// How long calls may take in real time.
+    pub deadlines: Deadlines,
 }
 
 /// When terrain counts as unknown.
@@ -53,6 +56,8 @@ struct Raw {
     resume_window: usize,
     #[serde(default)]
     heightfield: RawHeightfield,
+    #[serde(default)]
+    deadlines: RawDeadlines,
 }
 
 #[derive(Deserialize)]
@@ -106,10 +111,12 @@ impl Deployment {
                 Err(source.finding(field, ticks, "1 to 1000 ticks"))
             }
         };
+        let rate_hz = source.inside("rate_hz", raw.rate_hz, 1.0..=1000.0)?;
         Ok(Self {
             file: path.to_owned(),
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-            rate_hz: source.inside("rate_hz", raw.rate_hz, 1.0..=1000.0)?,
+            rate_hz,
+            deadlines: Deadlines::checked(&source, &raw.deadlines, rate_hz, raw.skills.len())?,
             switch_window: window("switch_window", raw.switch_window)?,
             stop_window: window("stop_window", raw.stop_window.unwrap_or(raw.switch_window))?,
             resume_window: window("resume_window", raw.resume_window)?,

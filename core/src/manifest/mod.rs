@@ -3,15 +3,17 @@
 //! Raw serde structs become checked types at this door; nothing behind it looks up strings. Every
 //! refusal is a [`Finding`]: file, line, field, what was found, what would be right.
 
+mod deadlines;
 mod deployment;
 mod finding;
 mod reader;
 mod skill;
 
+pub use deadlines::Deadlines;
 pub use deployment::{Deployment, HeightfieldLimits};
 pub use finding::Finding;
 pub use reader::read_bounded;
-pub use skill::{CommandRange, Models, Rollout, Selection, SkillManifest};
+pub use skill::{CommandRange, Isolation, Models, Rollout, Selection, SkillManifest};
 
 /// The schema number that every manifest carries.
 pub const SCHEMA: u32 = 1;

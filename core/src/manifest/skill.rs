@@ -20,6 +20,8 @@ pub struct SkillManifest {
     pub summary: String,
     /// Name of the plugin, resolved on the plugin path.
     pub plugin: String,
+    /// Where the plugin's code runs.
+    pub isolation: Isolation,
     /// Its models, relative to the skill's folder.
     pub models: Models,
     /// How the selector treats it.
@@ -30,6 +32,17 @@ pub struct SkillManifest {
     pub rollout: Rollout,
     /// What its policy was trained with; a structured controller has none.
     pub contract: Option<Contract>,
+}
+
+/// Where a plugin's code runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Isolation {
+    /// In the host's process, the fastest.
+    #[default]
+    None,
+    /// In a process of its own, whose crash is an error like any other.
+    Process,
 }
 
 /// Files of a skill, relative to `skills/<name>/`; none leads out of that folder.
@@ -90,6 +103,8 @@ struct Raw {
     name: String,
     summary: String,
     plugin: String,
+    #[serde(default)]
+    isolation: Isolation,
     models: RawModels,
     selection: RawSelection,
     command: RawCommand,
@@ -175,6 +190,7 @@ impl SkillManifest {
             name: raw.name,
             summary: raw.summary,
             plugin: raw.plugin,
+            isolation: raw.isolation,
         })
     }
 }

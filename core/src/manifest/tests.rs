@@ -114,11 +114,27 @@ fn a_deployment_out_of_range_is_refused_by_field() {
         ("rate_hz = 50", "rate_hz = inf", "rate_hz"),
         ("\"descend\"]", "\"walk\"]", "skills[2]"),
         ("[\"walk\", \"ascend\", \"descend\"]", "[]", "skills"),
+        ("[heightfield]", "[deadlines]\nact_s = nan\n[heightfield]", "deadlines.act_s"),
+        ("[heightfield]", "[deadlines]\npredict_s = 0.0041\n[heightfield]", "deadlines.predict_s"),
     ] {
         assert!(DEPLOYMENT.contains(from), "{from}");
         let finding = written("d.toml", &DEPLOYMENT.replacen(from, to, 1), Deployment::read).expect_err(to);
         assert_eq!(finding.field, field, "{finding}");
     }
+}
+
+#[test]
+fn deadlines_fit_into_a_tick_unless_set_and_then_too() {
+    let default = written("d.toml", DEPLOYMENT, Deployment::read).expect("sound").deadlines;
+    assert!((default.act_s - 0.008).abs() < 1e-9 && (3.0 * default.predict_s - 0.01).abs() < 1e-9);
+    let text = DEPLOYMENT.replacen("[heightfield]", "[deadlines]\nact_s = 0.01\n[heightfield]", 1);
+    assert!(
+        (written("d.toml", &text, Deployment::read).expect("sound").deadlines.act_s - 0.01).abs() < 1e-12
+    );
+    let text = text.replacen("act_s = 0.01", "act_s = 0.011", 1);
+    let finding = written("d.toml", &text, Deployment::read).expect_err("over a tick");
+    assert_eq!(finding.field, "deadlines.act_s", "{finding}");
+    assert!(finding.found.contains("0.021"), "{finding}");
 }
 
 #[test]

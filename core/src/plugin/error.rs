@@ -45,6 +45,30 @@ impl PluginError {
         }
     }
 
+    /// Its place among the kinds, for another process of this program.
+    #[cfg(target_os = "linux")]
+    pub(super) const fn kind(&self) -> u32 {
+        match self {
+            Self::NotFound(_) => 0,
+            Self::NotALibrary(_) => 1,
+            Self::ForeignInterface(_) => 2,
+            Self::Description(_) => 3,
+            Self::Create(_) => 4,
+        }
+    }
+
+    /// The error of a [`kind`](Self::kind).
+    #[cfg(target_os = "linux")]
+    pub(super) const fn of_kind(kind: u32, finding: Finding) -> Self {
+        match kind {
+            0 => Self::NotFound(finding),
+            1 => Self::NotALibrary(finding),
+            2 => Self::ForeignInterface(finding),
+            3 => Self::Description(finding),
+            _ => Self::Create(finding),
+        }
+    }
+
     /// The same refusal of the same bytes under another file name.
     pub(super) fn about(mut self, file: &std::path::Path) -> Self {
         match &mut self {

@@ -8,6 +8,8 @@ use vocaloco_plugin_api::abi::BoxedInstance;
 use vocaloco_plugin_api::{Command, ErrorCode, JointTarget, Needs, RobotDescription, RobotState, SkillError};
 
 use super::PluginLibrary;
+#[cfg(target_os = "linux")]
+use super::isolation::ChildInstance;
 
 /// An instance; used by one thread at a time.
 ///
@@ -15,7 +17,7 @@ use super::PluginLibrary;
 /// Whether targets are finite and within the drives' limits is the runtime's to check, which knows
 /// what to do instead.
 pub struct PluginInstance {
-    instance: BoxedInstance,
+    instance: Instance,
     library: Arc<PluginLibrary>,
     needs: Needs,
     joints: usize,
@@ -23,10 +25,19 @@ pub struct PluginInstance {
     terrain_points: usize,
 }
 
+/// Where the plugin's code runs.
+pub(super) enum Instance {
+    /// In this process.
+    Here(BoxedInstance),
+    /// In one of its own.
+    #[cfg(target_os = "linux")]
+    Child(Box<ChildInstance>),
+}
+
 impl PluginInstance {
     pub(super) fn new(
         library: Arc<PluginLibrary>,
-        instance: BoxedInstance,
+        instance: Instance,
         needs: Needs,
         robot: &RobotDescription,
     ) -> Self {
@@ -56,7 +67,11 @@ impl PluginInstance {
     /// `state` lacks what the plugin needs, or the plugin reports a failure.
     pub fn reset(&mut self, state: &RobotState<'_>) -> Result<(), SkillError> {
         self.check(state)?;
-        self.instance.reset(state).into_result()
+        match &mut self.instance {
+            Instance::Here(instance) => instance.reset(state).into_result(),
+            #[cfg(target_os = "linux")]
+            Instance::Child(child) => child.reset(state),
+        }
     }
 
     /// One tick: fills `joints`, one target a joint, in the robot's order.
@@ -72,7 +87,13 @@ impl PluginInstance {
     ) -> Result<(), SkillError> {
         self.check(state)?;
         self.length("joint targets", joints.len(), self.joints)?;
-        self.instance.act(state, command, RSliceMut::from_mut_slice(joints)).into_result()
+        match &mut self.instance {
+            Instance::Here(instance) => {
+                instance.act(state, command, RSliceMut::from_mut_slice(joints)).into_result()
+            }
+            #[cfg(target_os = "linux")]
+            Instance::Child(child) => child.act(state, command, joints),
+        }
     }
 
     fn check(&self, state: &RobotState<'_>) -> Result<(), SkillError> {

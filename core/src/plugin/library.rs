@@ -11,22 +11,37 @@ use sha2::{Digest, Sha256};
 use vocaloco_plugin_api::abi::{LIBRARY_SYMBOL, SkillLibraryRef};
 use vocaloco_plugin_api::{Description, INTERFACE_VERSION, RobotDescription, SkillError};
 
+use super::instance::Instance;
+#[cfg(target_os = "linux")]
+use super::isolation::{ChildInstance, Program};
 use super::{PluginError, PluginInstance, description, image};
 use crate::manifest::Finding;
 use crate::policy::PolicyNetwork;
 
-/// A loaded plugin. It stays loaded until the process ends.
+/// A plugin, loaded until the process ends or, isolated, in a child process for each instance.
 pub struct PluginLibrary {
     file: PathBuf,
     sha256: String,
     description: Description,
-    root: SkillLibraryRef,
+    code: Code,
+}
+
+/// Where a plugin's code is.
+enum Code {
+    /// Loaded into this process.
+    Here(SkillLibraryRef),
+    /// Loaded by a child process for each instance, and never by this one.
+    #[cfg(target_os = "linux")]
+    Child { program: Program, digest: [u8; 32] },
 }
 
 type Loaded = BTreeMap<[u8; 32], Result<Arc<PluginLibrary>, PluginError>>;
 
 /// Every library this process has tried to load, by hash: a bad one is not loaded twice either.
 static LOADED: Mutex<Loaded> = Mutex::new(BTreeMap::new());
+/// The same of those that describe themselves in a child process.
+#[cfg(target_os = "linux")]
+static ISOLATED: Mutex<Loaded> = Mutex::new(BTreeMap::new());
 
 /// File name of the plugin `name` on this platform, such as `libgait.so`.
 pub fn library_file_name(name: &str) -> String {
@@ -40,34 +55,73 @@ impl PluginLibrary {
     /// There is none, its file is not whole, it is not of this interface, or it describes itself in a
     /// way that makes no sense.
     pub fn open(search_path: &[PathBuf], name: &str) -> Result<Arc<Self>, PluginError> {
-        let file_name = library_file_name(name);
-        let Some(file) = search_path.iter().map(|folder| folder.join(&file_name)).find(|file| file.is_file())
-        else {
-            let folders: Vec<_> = search_path.iter().map(|folder| folder.display().to_string()).collect();
-            let wanted = format!("that file in {}", folders.join(" or "));
-            return Err(PluginError::NotFound(Finding::new(
-                Path::new(&file_name),
-                "plugin",
-                "no such file",
-                wanted,
-            )));
+        let file = find(search_path, name)?;
+        let (bytes, digest) = read(&file)?;
+        Self::once(&LOADED, &file, digest, || Self::load(&file, &bytes, &digest))?.named(name, &file)
+    }
+
+    /// The plugin `name`, found as by [`open`](Self::open), to be run in child processes alone: nothing
+    /// of it is loaded into this one.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open), and when the child cannot be started or ends; elsewhere than on Linux
+    /// always.
+    #[cfg(target_os = "linux")]
+    pub fn open_isolated(search_path: &[PathBuf], name: &str) -> Result<Arc<Self>, PluginError> {
+        let file = find(search_path, name)?;
+        let (_, digest) = read(&file)?;
+        let program = Program::find(search_path).map_err(PluginError::NotFound)?;
+        let describe = || {
+            let description = ChildInstance::describe(&program, &file, &digest)?;
+            description::check(&file, &description).map_err(PluginError::Description)?;
+            let code = Code::Child { program: program.clone(), digest };
+            Ok(Self { file: file.clone(), sha256: hex(&digest), description, code })
         };
-        let bytes = std::fs::read(&file).map_err(|error| {
-            PluginError::NotFound(Finding::new(&file, "plugin", error, "a readable file"))
-        })?;
-        let digest: [u8; 32] = Sha256::digest(&bytes).into();
-        let library = {
-            // Held while loading: two threads must not load the same bytes twice.
-            let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
-            loaded.entry(digest).or_insert_with(|| Self::load(&file, &bytes, &digest).map(Arc::new)).clone()
-        };
-        let library = library.map_err(|error| error.about(&file))?;
-        if library.description.name != name {
-            let found = format!("{:?}", library.description.name.as_str());
-            let wanted = format!("{name:?}, as the file is called");
-            return Err(PluginError::Description(Finding::new(&file, "name", found, wanted)));
+        Self::once(&ISOLATED, &file, digest, describe)?.named(name, &file)
+    }
+
+    /// Elsewhere than on Linux plugins are not isolated.
+    ///
+    /// # Errors
+    /// Always.
+    #[cfg(not(target_os = "linux"))]
+    pub fn open_isolated(search_path: &[PathBuf], name: &str) -> Result<Arc<Self>, PluginError> {
+        let file = find(search_path, name)?;
+        let wanted = "\"none\" on this system";
+        Err(PluginError::NotFound(Finding::new(&file, "isolation", "\"process\"", wanted)))
+    }
+
+    /// Loads the library at `file` into this process if its bytes have this hash.
+    #[cfg(target_os = "linux")]
+    pub(super) fn open_exactly(file: &Path, sha256: &[u8]) -> Result<Arc<Self>, PluginError> {
+        let (bytes, digest) = read(file)?;
+        if digest != sha256 {
+            let wanted = format!("SHA-256 {}, as it was when the host read it", hex(sha256));
+            return Err(PluginError::NotFound(Finding::new(file, "plugin", hex(&digest), wanted)));
         }
-        Ok(library)
+        Self::once(&LOADED, file, digest, || Self::load(file, &bytes, &digest))
+    }
+
+    /// What came, or comes now, of loading bytes of this hash.
+    fn once(
+        seen: &Mutex<Loaded>,
+        file: &Path,
+        digest: [u8; 32],
+        load: impl FnOnce() -> Result<Self, PluginError>,
+    ) -> Result<Arc<Self>, PluginError> {
+        // Held while loading: two threads must not load the same bytes twice.
+        let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
+        let library = seen.entry(digest).or_insert_with(|| load().map(Arc::new)).clone();
+        library.map_err(|error| error.about(file))
+    }
+
+    fn named(self: Arc<Self>, name: &str, file: &Path) -> Result<Arc<Self>, PluginError> {
+        if self.description.name == name {
+            return Ok(self);
+        }
+        let found = format!("{:?}", self.description.name.as_str());
+        let wanted = format!("{name:?}, as the file is called");
+        Err(PluginError::Description(Finding::new(file, "name", found, wanted)))
     }
 
     fn load(file: &Path, bytes: &[u8], digest: &[u8; 32]) -> Result<Self, PluginError> {
@@ -115,8 +169,7 @@ impl PluginLibrary {
             PluginError::Description(finding("describe", &error.message, "a description"))
         })?;
         description::check(file, &description).map_err(PluginError::Description)?;
-        let sha256 = digest.iter().fold(String::new(), |hex, byte| format!("{hex}{byte:02x}"));
-        Ok(Self { file: file.to_owned(), sha256, description, root })
+        Ok(Self { file: file.to_owned(), sha256: hex(digest), description, code: Code::Here(root) })
     }
 
     /// What the plugin says of itself.
@@ -167,13 +220,47 @@ impl PluginLibrary {
             let wanted = format!("parameters and a robot that {} takes", self.description.name);
             PluginError::Create(Finding::new(&self.file, "parameters", &error.message, wanted))
         };
-        let policy = policy.map(PolicyNetwork::handle).into();
-        let instance = (self.root.create())(RStr::from_str(parameters), robot, policy);
-        let instance = instance.into_result().map_err(refused)?;
-        let needs = instance.needs().into_result().map_err(refused)?;
+        let (instance, needs) = match &self.code {
+            Code::Here(root) => {
+                let policy = policy.map(PolicyNetwork::handle).into();
+                let instance = (root.create())(RStr::from_str(parameters), robot, policy);
+                let instance = instance.into_result().map_err(refused)?;
+                let needs = instance.needs().into_result().map_err(refused)?;
+                (Instance::Here(instance), needs)
+            }
+            #[cfg(target_os = "linux")]
+            Code::Child { program, digest } => {
+                let (child, needs) =
+                    ChildInstance::create(program, &self.file, digest, parameters, robot, policy)?;
+                (Instance::Child(Box::new(child)), needs)
+            }
+        };
         description::check_needs(&self.file, &needs).map_err(PluginError::Create)?;
         Ok(PluginInstance::new(Arc::clone(self), instance, needs, robot))
     }
+}
+
+/// The library of the plugin `name` in the first folder that holds it.
+fn find(search_path: &[PathBuf], name: &str) -> Result<PathBuf, PluginError> {
+    let file_name = library_file_name(name);
+    let found = search_path.iter().map(|folder| folder.join(&file_name)).find(|file| file.is_file());
+    found.ok_or_else(|| {
+        let folders: Vec<_> = search_path.iter().map(|folder| folder.display().to_string()).collect();
+        let wanted = format!("that file in {}", folders.join(" or "));
+        PluginError::NotFound(Finding::new(Path::new(&file_name), "plugin", "no such file", wanted))
+    })
+}
+
+/// A library's bytes and their SHA-256.
+fn read(file: &Path) -> Result<(Vec<u8>, [u8; 32]), PluginError> {
+    let bytes = std::fs::read(file)
+        .map_err(|error| PluginError::NotFound(Finding::new(file, "plugin", error, "a readable file")))?;
+    let digest = Sha256::digest(&bytes).into();
+    Ok((bytes, digest))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |hex, byte| format!("{hex}{byte:02x}"))
 }
 
 fn interface() -> String {

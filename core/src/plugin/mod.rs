@@ -11,8 +11,15 @@ mod elf;
 mod error;
 mod image;
 mod instance;
+#[cfg(target_os = "linux")]
+mod isolation;
 mod library;
+pub(crate) mod repeats;
+mod state_buffer;
 
 pub use error::PluginError;
 pub use instance::PluginInstance;
+#[cfg(target_os = "linux")]
+pub use isolation::serve;
 pub use library::{PluginLibrary, library_file_name};
+pub(crate) use state_buffer::StateBuffer;

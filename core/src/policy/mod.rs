@@ -93,6 +93,11 @@ impl PolicyNetwork {
         Ok(network)
     }
 
+    /// The file that its bytes are from.
+    pub(crate) fn file(&self) -> &Path {
+        &self.0.file
+    }
+
     /// SHA-256 of the file, lowercase hex.
     pub fn sha256(&self) -> &str {
         &self.0.sha256

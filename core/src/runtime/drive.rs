@@ -1,8 +1,10 @@
 //! The second half of a tick: who drives, and the targets that come of it.
 
+use std::time::Duration;
+
 use vocaloco_plugin_api::{JointTarget, RobotState, TerrainPatch};
 
-use super::Runtime;
+use super::{CallFault, Runtime, Supervision};
 use crate::decision::Forced;
 use crate::observation::Observation;
 use crate::selector::{Choice, Reason, is_zero};
@@ -33,25 +35,27 @@ impl Runtime {
         self.decision.forced = Some(why);
         match why {
             Forced::ZeroCommand => self.filter.stand_now(),
+            // The skill goes on as soon as it answers in time.
+            Forced::Overrun => {}
             Forced::Terrain | Forced::Observation | Forced::Fault => self.filter.stop_now(),
         }
     }
 
-    /// Targets from whoever drives; a skill that fails is retired and the stand takes over.
+    /// Targets from whoever drives; a skill that fails is retired, one that is late is passed over, and
+    /// the stand takes over.
     pub(super) fn drive(&mut self, observation: &Observation) {
         if let Active::Skill(skill) = self.filter.active() {
-            match self.act(skill, observation) {
-                Ok(()) => {
+            let acted = if self.is_late { Ok(None) } else { self.timed_act(skill, observation) };
+            match acted {
+                Ok(Some(())) => {
                     std::mem::swap(&mut self.joints, &mut self.candidate);
                     self.drives = Some(Active::Skill(skill));
                     return;
                 }
-                Err(fault) => {
-                    let name = &self.selector.rules()[skill].name;
-                    self.decision.events.push(format!("skill {name} is taken out of service: {fault}"));
-                    self.selector.retire(skill, Reason::PluginFailed);
+                Ok(None) => self.force(Forced::Overrun),
+                Err(reason) => {
                     self.decision.skills[skill].viable = false;
-                    self.decision.skills[skill].reason = Reason::PluginFailed;
+                    self.decision.skills[skill].reason = reason;
                     self.force(Forced::Fault);
                 }
             }
@@ -74,8 +78,57 @@ impl Runtime {
         self.stand.step(1.0 / self.config.rate_hz, sensed, &mut self.joints);
     }
 
-    /// Targets of one skill into `candidate`, reset first if it did not drive before.
-    fn act(&mut self, index: usize, observation: &Observation) -> Result<(), String> {
+    /// Targets of one skill; none when they are late, an error when it is out of service for it.
+    fn timed_act(&mut self, skill: usize, observation: &Observation) -> Result<Option<()>, Reason> {
+        let began = self.now();
+        let acted = self.act(skill, observation);
+        let is_late = matches!(acted, Err((_, CallFault::Overrun(_))));
+        self.count_overrun(is_late, began, Supervision::act);
+        match acted {
+            Ok(()) => Ok(Some(())),
+            Err((call, fault)) => match self.fail(skill, call, &fault) {
+                Some(reason) => Err(reason),
+                None => Ok(None),
+            },
+        }
+    }
+
+    /// Records why a call of a skill came to nothing; the reason, if it is out of service for it.
+    pub(super) fn fail(&mut self, skill: usize, call: &str, fault: &CallFault) -> Option<Reason> {
+        let reason = match fault {
+            CallFault::Failed(_) => Some(Reason::PluginFailed),
+            CallFault::Overrun(_) => self.overruns.note(skill, self.decision.tick).then_some(Reason::TooSlow),
+        };
+        let name = &self.selector.rules()[skill].name;
+        self.decision.events.push(match reason {
+            Some(Reason::TooSlow) => {
+                format!("skill {name} is taken out of service: {call}: {fault}, three times within a second")
+            }
+            Some(_) => format!("skill {name} is taken out of service: {call}: {fault}"),
+            None => format!("skill {name} is late: {call}: {fault}"),
+        });
+        if let Some(reason) = reason {
+            self.selector.retire(skill, reason);
+        }
+        reason
+    }
+
+    /// Counts a call that is late, or took longer than its budget, whatever comes of it.
+    pub(super) fn count_overrun(
+        &mut self,
+        is_late: bool,
+        began: Option<Duration>,
+        budget: fn(&Supervision) -> Duration,
+    ) {
+        let Some((supervision, (began, ended))) = self.supervision.zip(began.zip(self.now())) else { return };
+        if is_late || ended.saturating_sub(began) > budget(&supervision) {
+            self.times.add_overrun();
+        }
+    }
+
+    /// Targets of one skill into `candidate`, reset first if it did not drive before; of a fault also
+    /// the call that it is of.
+    fn act(&mut self, index: usize, observation: &Observation) -> Result<(), (&'static str, CallFault)> {
         let skill = &mut self.skills[index];
         self.contacts.clear();
         let contacts = observation.foot_contact.iter().flatten();
@@ -100,12 +153,12 @@ impl Runtime {
             terrain_m: self.terrain_m.as_slice().into(),
         };
         if self.drives != Some(Active::Skill(index)) {
-            skill.controller.reset(&state).map_err(|error| format!("reset: {error}"))?;
+            skill.controller.reset(&state).map_err(|fault| ("reset", fault))?;
         }
         // A controller that leaves a target out must not drive with what stood there before.
         self.candidate.fill(JointTarget { position_rad: f32::NAN, ..JointTarget::default() });
         let acted = skill.controller.act(&state, &observation.command, &mut self.candidate);
-        acted.map_err(|error| format!("act: {error}"))?;
-        self.limits.check(&self.candidate)
+        acted.map_err(|fault| ("act", fault))?;
+        self.limits.check(&self.candidate).map_err(|line| ("act", CallFault::Failed(line)))
     }
 }

@@ -1,7 +1,7 @@
 //! A robot, stand-in skills and a loop for tests.
 
 use std::path::Path;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex};
 
 use abi_stable::std_types::ROption;
 use vocaloco_plugin_api::{Command, ErrorCode, Needs, RobotState, SkillError, TerrainPatch};
@@ -29,6 +29,24 @@ pub(crate) struct Script {
     pub(crate) resets: usize,
     pub(crate) acts: usize,
     pub(crate) terrain: Vec<f32>,
+    pub(crate) act_hangs: Option<Gate>,
+    pub(crate) predict_hangs: Option<Gate>,
+}
+
+/// What a hanging call waits for.
+#[derive(Clone, Default)]
+pub(crate) struct Gate(Arc<(Mutex<bool>, Condvar)>);
+
+impl Gate {
+    fn wait(&self) {
+        let (is_open, changed) = &*self.0;
+        drop(changed.wait_while(is_open.lock().unwrap(), |is_open| !*is_open).unwrap());
+    }
+
+    pub(crate) fn open(&self) {
+        *self.0.0.lock().unwrap() = true;
+        self.0.1.notify_all();
+    }
 }
 
 #[derive(Clone, Default)]
@@ -41,10 +59,10 @@ impl Fake {
 }
 
 impl Controller for Fake {
-    fn reset(&mut self, _: &RobotState<'_>) -> Result<(), SkillError> {
+    fn reset(&mut self, _: &RobotState<'_>) -> Result<(), CallFault> {
         self.with(|script| {
             script.resets += 1;
-            if script.reset_fails { Err(SkillError::new(ErrorCode::Internal, "no start")) } else { Ok(()) }
+            if script.reset_fails { Err(CallFault::Failed("no start".into())) } else { Ok(()) }
         })
     }
 
@@ -53,12 +71,14 @@ impl Controller for Fake {
         state: &RobotState<'_>,
         _: &Command,
         joints: &mut [JointTarget],
-    ) -> Result<(), SkillError> {
+    ) -> Result<(), CallFault> {
+        let hangs = self.with(|script| script.act_hangs.clone());
+        hangs.iter().for_each(Gate::wait);
         self.with(|script| {
             script.acts += 1;
             script.terrain = state.terrain_m.to_vec();
             if script.fails {
-                return Err(SkillError::new(ErrorCode::Panic, "act panicked: out of cheese"));
+                return Err(SkillError::new(ErrorCode::Panic, "act panicked: out of cheese").into());
             }
             for (target, position) in joints.iter_mut().zip(state.joint_position_rad.iter()) {
                 *target = JointTarget {
@@ -77,7 +97,9 @@ impl Controller for Fake {
 }
 
 impl Predict for Fake {
-    fn predict(&mut self, _: &Field) -> (Prediction, Option<String>) {
+    fn predict(&mut self, _: &Field) -> (Prediction, Option<CallFault>) {
+        let hangs = self.with(|script| script.predict_hangs.clone());
+        hangs.iter().for_each(Gate::wait);
         let (viability, cot) = self.with(|script| script.prediction.unwrap());
         (Prediction { viability, cot }, None)
     }

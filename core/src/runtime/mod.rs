@@ -1,8 +1,9 @@
 //! The loop's one step: an observation in, a decision and joint targets out.
 //!
-//! Source-agnostic and deterministic: it reads no clock (one may be given, only to measure), opens
+//! Source-agnostic and, in simulated time, deterministic: a clock only measures there. It opens
 //! nothing and never gives up. Whatever fails, it stands; DESIGN's table of faults is this file.
 
+mod deadline;
 mod drive;
 #[cfg(test)]
 pub(crate) mod fixture;
@@ -17,8 +18,10 @@ use std::time::Duration;
 use thiserror::Error;
 use vocaloco_plugin_api::{CommandKind, JointTarget};
 
+use deadline::{Overruns, WatchedController, WatchedPredictors};
+pub use deadline::{Pace, Supervision, TickSummary, TickTimes};
 use skill::Limits;
-pub use skill::{Controller, Networks, Predict, Skill};
+pub use skill::{CallFault, Controller, Networks, Predict, Skill};
 
 use crate::decision::{Decision, Forced, STAND, STOP, SkillVerdict, Timings};
 use crate::manifest::Deployment;
@@ -42,6 +45,9 @@ pub enum RuntimeError {
     /// A skill goes to position targets, which this version does not set.
     #[error("skill {0}: command.kind: found position_target, wanted velocity in this version")]
     PositionTarget(String),
+    /// The system gives no thread to watch a skill's calls on.
+    #[error("skill {0}: found no thread for its calls ({1}), wanted two")]
+    Thread(String, String),
 }
 
 /// What the loop needs of a deployment.
@@ -88,7 +94,11 @@ pub struct Runtime {
     selector: Selector,
     filter: SwitchFilter,
     stand: Stand,
-    clock: Option<fn() -> Duration>,
+    supervision: Option<Supervision>,
+    times: TickTimes,
+    overruns: Overruns,
+    /// The active skill's prediction was over its budget this tick.
+    is_late: bool,
     /// Who made the targets in `joints`; none before the first usable observation.
     drives: Option<Active>,
     last_t_s: Option<f64>,
@@ -128,6 +138,7 @@ impl Runtime {
     /// A runtime of any skills: what predicts and what drives need not come from files.
     pub fn from_skills(config: RuntimeConfig, robot: Arc<RobotModel>, skills: Vec<Skill>) -> Self {
         let joints = vec![JointTarget::default(); robot.joint_count()];
+        let skill_count = skills.len();
         let required = Required {
             joint_torques: skills.iter().any(|skill| skill.needs.joint_torques),
             foot_contacts: skills.iter().any(|skill| skill.needs.foot_contacts),
@@ -154,7 +165,10 @@ impl Runtime {
             required,
             config,
             robot,
-            clock: None,
+            supervision: None,
+            times: TickTimes::new(config.rate_hz),
+            overruns: Overruns::new(config.rate_hz, skill_count),
+            is_late: false,
             drives: None,
             last_t_s: None,
             ticks: 0,
@@ -163,17 +177,33 @@ impl Runtime {
         }
     }
 
-    /// Measures every tick with `clock`; decisions stay what they are without one.
-    #[must_use]
-    pub fn with_clock(mut self, clock: fn() -> Duration) -> Self {
-        self.clock = Some(clock);
-        self
+    /// Measures every tick and, in real time, stands rather than wait for a call over its budget; in
+    /// simulated time decisions stay what they are.
+    ///
+    /// # Errors
+    /// In real time, when the system has no threads for the skills' calls.
+    pub fn supervised(mut self, supervision: Supervision) -> Result<Self, RuntimeError> {
+        if supervision.pace == Pace::Real {
+            let (act, predict) = (supervision.act(), supervision.predict());
+            self.skills = std::mem::take(&mut self.skills)
+                .into_iter()
+                .map(|skill| skill.watched(act, predict))
+                .collect::<Result<_, _>>()?;
+        }
+        self.supervision = Some(supervision);
+        Ok(self)
+    }
+
+    /// How long ticks took so far; of none where nothing measures them.
+    pub fn times(&self) -> TickSummary {
+        self.times.summary()
     }
 
     /// Back to the start of the loop: standing, every skill in service, time and ticks from zero.
     pub fn restart(&mut self) {
         self.selector.restart();
         self.filter = SwitchFilter::new(self.config.windows);
+        self.overruns.restart();
         self.drives = None;
         self.last_t_s = None;
         self.ticks = 0;
@@ -233,18 +263,14 @@ impl Runtime {
 
         self.decide(choice, observation);
         self.drive(observation);
-        let timings = began.zip(predicted).zip(self.now());
-        self.decision.timings = timings.map(|((began, predicted), ended)| Timings {
-            predict_us: micros(began, predicted),
-            act_us: micros(predicted, ended),
-            total_us: micros(began, ended),
-        });
+        self.time(began, predicted);
         self.record(choice);
         Tick { decision: &self.decision, joints: &self.joints }
     }
 
     /// A tick without a usable observation: the robot stands, at once.
     pub fn fault_tick(&mut self, fault: &ObservationFault) -> Tick<'_> {
+        let began = self.now();
         self.begin(self.last_t_s.unwrap_or(0.0), [0.0; 3]);
         self.decision.heightfield_hash.clear();
         self.decision.field = None;
@@ -260,19 +286,33 @@ impl Runtime {
             };
         }
         self.force(Forced::Observation);
-        let drove = self.drives;
-        self.stand(Sensed::default());
-        if drove.is_none() {
-            // Nothing was measured yet: the stand begins anew with the first joints that are.
-            self.drives = None;
+        if self.drives.is_some() {
+            self.stand(Sensed::default());
+        } else {
+            // Nothing was measured yet: the stand begins with the first joints that are.
+            self.stand.pose(&mut self.joints);
         }
-        self.decision.timings = None;
+        self.time(began, began);
         self.record(Choice::Stop);
         Tick { decision: &self.decision, joints: &self.joints }
     }
 
     fn now(&self) -> Option<Duration> {
-        self.clock.map(|clock| clock())
+        self.supervision.map(|supervision| (supervision.clock)())
+    }
+
+    /// Counts the tick that ends now; only in real time are its timings part of the record.
+    fn time(&mut self, began: Option<Duration>, predicted: Option<Duration>) {
+        self.decision.timings = None;
+        let Some(((began, predicted), ended)) = began.zip(predicted).zip(self.now()) else { return };
+        self.times.add(ended.saturating_sub(began));
+        if self.supervision.is_some_and(|supervision| supervision.pace == Pace::Real) {
+            self.decision.timings = Some(Timings {
+                predict_us: micros(began, predicted),
+                act_us: micros(predicted, ended),
+                total_us: micros(began, ended),
+            });
+        }
     }
 
     fn begin(&mut self, t_s: f64, command: [f32; 3]) {
@@ -282,15 +322,20 @@ impl Runtime {
         decision.command = command;
         decision.forced = None;
         decision.events.clear();
+        self.is_late = false;
         self.ticks += 1;
     }
 
     fn record(&mut self, choice: Choice) {
-        let overruled = self.decision.forced.is_some_and(|forced| forced != Forced::ZeroCommand);
+        let overruled =
+            matches!(self.decision.forced, Some(Forced::Terrain | Forced::Observation | Forced::Fault));
         let choice = if overruled { Choice::Stop } else { choice };
         let rules = self.selector.rules();
         let name = |skill: usize| rules[skill].name.as_str();
-        let active = self.filter.active();
+        let active = match self.decision.forced {
+            Some(Forced::Overrun) => Active::Stand,
+            _ => self.filter.active(),
+        };
         set(
             &mut self.decision.choice,
             match choice {

@@ -1,10 +1,13 @@
 //! The first half of a tick: terrain into the predictors' field, the field into verdicts.
 
-use super::Runtime;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use super::{CallFault, Runtime, Supervision};
 use crate::decision;
 use crate::heightfield::{Field, Noise};
 use crate::observation::Observation;
 use crate::selector::{Choice, Prediction, Reason};
+use crate::switch::Active;
 
 impl Runtime {
     /// The predictors' field; none, with an event, when the terrain cannot be used.
@@ -40,16 +43,35 @@ impl Runtime {
         }
     }
 
+    /// The prediction of one skill; one that is late is none.
+    fn predict(&mut self, index: usize, field: &Field) -> Prediction {
+        let began = self.now();
+        let predictors = &mut self.skills[index].predictors;
+        let predicted = catch_unwind(AssertUnwindSafe(|| predictors.predict(field)));
+        let (prediction, failed) = predicted.unwrap_or_else(|_| {
+            (Prediction::NONE, Some(CallFault::Failed("the model's runtime panicked".to_owned())))
+        });
+        let is_late = matches!(failed, Some(CallFault::Overrun(_)));
+        self.count_overrun(is_late, began, Supervision::predict);
+        match failed {
+            Some(CallFault::Failed(line)) => self.decision.events.push(line),
+            Some(fault) => {
+                self.fail(index, "predict", &fault);
+                self.is_late |= self.filter.active() == Active::Skill(index);
+            }
+            None => {}
+        }
+        prediction
+    }
+
     /// Predictions and verdicts of every skill, into the record.
     pub(super) fn choose(&mut self, field: Option<&Field>, observation: &Observation) -> Choice {
         let choice = if let Some(field) = field {
-            for (index, skill) in self.skills.iter_mut().enumerate() {
+            for index in 0..self.skills.len() {
                 self.predictions[index] = if self.selector.out_of_service(index).is_some() {
                     Prediction::NONE
                 } else {
-                    let (prediction, failed) = skill.predictors.predict(field);
-                    self.decision.events.extend(failed);
-                    prediction
+                    self.predict(index, field)
                 };
             }
             self.selector.choose(&self.predictions, &observation.command, &mut self.reasons)

@@ -1,12 +1,32 @@
 //! A skill as the runtime holds it: what drives, what predicts, and the fences around both.
 
+use std::time::Duration;
+
 use vocaloco_plugin_api::{Command, JointTarget, Needs, RobotDescription, RobotState, SkillError};
 
+use super::{RuntimeError, WatchedController, WatchedPredictors};
 use crate::heightfield::Field;
 use crate::manifest::SkillManifest;
 use crate::plugin::PluginInstance;
 use crate::predictor::Predictor;
 use crate::selector::{Prediction, Rule};
+
+/// Why a call came to nothing.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum CallFault {
+    /// It took longer than its budget, or an earlier one still hangs.
+    #[error("found no answer, wanted one within {:.1} ms", 1e3 * .0.as_secs_f64())]
+    Overrun(Duration),
+    /// It failed; the line for people.
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl From<SkillError> for CallFault {
+    fn from(error: SkillError) -> Self {
+        Self::Failed(error.message.into())
+    }
+}
 
 /// What drives the joints while its skill is active: a plugin's instance, or a test's stand-in.
 pub trait Controller: Send {
@@ -14,7 +34,7 @@ pub trait Controller: Send {
     ///
     /// # Errors
     /// When the controller cannot start from `state`.
-    fn reset(&mut self, state: &RobotState<'_>) -> Result<(), SkillError>;
+    fn reset(&mut self, state: &RobotState<'_>) -> Result<(), CallFault>;
 
     /// One tick: fills `joints`, in the robot's order.
     ///
@@ -25,12 +45,12 @@ pub trait Controller: Send {
         state: &RobotState<'_>,
         command: &Command,
         joints: &mut [JointTarget],
-    ) -> Result<(), SkillError>;
+    ) -> Result<(), CallFault>;
 }
 
 impl Controller for PluginInstance {
-    fn reset(&mut self, state: &RobotState<'_>) -> Result<(), SkillError> {
-        Self::reset(self, state)
+    fn reset(&mut self, state: &RobotState<'_>) -> Result<(), CallFault> {
+        Ok(Self::reset(self, state)?)
     }
 
     fn act(
@@ -38,15 +58,15 @@ impl Controller for PluginInstance {
         state: &RobotState<'_>,
         command: &Command,
         joints: &mut [JointTarget],
-    ) -> Result<(), SkillError> {
-        Self::act(self, state, command, joints)
+    ) -> Result<(), CallFault> {
+        Ok(Self::act(self, state, command, joints)?)
     }
 }
 
 /// What predicts a skill's viability and cost: its two networks, an oracle, or a test's stand-in.
 pub trait Predict: Send {
-    /// The prediction for a field, NaN where there is none, and a line about what failed.
-    fn predict(&mut self, field: &Field) -> (Prediction, Option<String>);
+    /// The prediction for a field, NaN where there is none, and what failed.
+    fn predict(&mut self, field: &Field) -> (Prediction, Option<CallFault>);
 }
 
 /// The two networks of a skill.
@@ -59,11 +79,11 @@ pub struct Networks {
 }
 
 impl Predict for Networks {
-    fn predict(&mut self, field: &Field) -> (Prediction, Option<String>) {
+    fn predict(&mut self, field: &Field) -> (Prediction, Option<CallFault>) {
         let mut failed = None;
         let mut value = |predicted: Result<f32, crate::predictor::ModelError>| {
             predicted.unwrap_or_else(|error| {
-                failed = Some(error.to_string());
+                failed = Some(CallFault::Failed(error.to_string()));
                 f32::NAN
             })
         };
@@ -86,6 +106,15 @@ pub struct Skill {
 }
 
 impl Skill {
+    /// The same with its calls on threads of their own and budgets for them.
+    pub(super) fn watched(self, act: Duration, predict: Duration) -> Result<Self, RuntimeError> {
+        let name = &self.rule.name;
+        let no_thread = |error: std::io::Error| RuntimeError::Thread(name.clone(), error.to_string());
+        let controller = WatchedController::start(name, self.controller, act).map_err(no_thread)?;
+        let predictors = WatchedPredictors::start(name, self.predictors, predict).map_err(no_thread)?;
+        Ok(Self { controller: Box::new(controller), predictors: Box::new(predictors), ..self })
+    }
+
     /// The selector's rule of a manifest.
     pub fn rule_of(manifest: &SkillManifest) -> Rule {
         Rule {

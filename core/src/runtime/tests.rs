@@ -267,3 +267,13 @@ fn a_restarted_loop_decides_as_a_new_one_does() {
         assert_eq!(&it.tick(), wanted, "tick {tick}");
     }
 }
+
+#[test]
+fn a_model_that_panics_is_a_prediction_that_cannot_be_used() {
+    let walk = fake(0.99, 0.2);
+    let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &fake(0.99, 0.9))]);
+    walk.with(|script| script.prediction = None);
+    let decision = it.tick();
+    assert_eq!((decision.choice.as_str(), decision.skills[0].reason), ("ascend", Reason::Unusable));
+    assert_eq!(decision.events, ["the model's runtime panicked"]);
+}

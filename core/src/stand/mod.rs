@@ -131,6 +131,19 @@ impl Stand {
         }
     }
 
+    /// The stand pose itself at stand gains: what a robot is told of which nothing is known.
+    pub fn pose(&self, joints: &mut [JointTarget]) {
+        let stand = &self.robot.stand;
+        for (target, joint) in joints.iter_mut().zip(&self.robot.description.joints) {
+            *target = JointTarget {
+                position_rad: joint.stand_rad as f32,
+                stiffness_nm_per_rad: stand.stiffness_nm_per_rad,
+                damping_nms_per_rad: stand.damping_nms_per_rad,
+                feed_forward_nm: 0.0,
+            };
+        }
+    }
+
     /// One tick of `dt_s`: fills `joints`.
     pub fn step(&mut self, dt_s: f64, sensed: Sensed<'_>, joints: &mut [JointTarget]) {
         let down = sensed.down();

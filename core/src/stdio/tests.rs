@@ -204,3 +204,18 @@ fn every_line_is_answered_though_the_log_fails_at_the_second() {
 fn an_empty_input_is_a_clean_stop() {
     assert_eq!(answers(&[]), (vec![], Served::default()));
 }
+
+#[test]
+fn an_error_before_the_first_good_line_is_answered_with_the_stand_pose_itself() {
+    // It was answered with a stand begun from nowhere: LF_HAA at -0.22 rad, the weight's torque added.
+    let (values, served) = answers(&["nonsense".to_owned(), "{}".to_owned(), line(0.02).to_string()]);
+    assert_eq!((served.errors, values.len()), (2, 3));
+    for answer in &values[..2] {
+        for joint in &robot().description.joints {
+            let target = &answer["joints"][joint.name.as_str()];
+            assert_eq!(target["position_rad"].as_f64().map(|it| it as f32), Some(joint.stand_rad as f32));
+            assert_eq!(target["feed_forward_nm"], 0.0, "{}", joint.name);
+        }
+    }
+    assert!(values[2].get("error").is_none());
+}

@@ -1,28 +1,36 @@
 //! `bench tick`: how long the runtime takes from an observation to joint targets.
 
-use std::time::Instant;
-
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use vocaloco_core::{
     decision::STAND,
     elevation::Elevation,
     installation::Installation,
+    manifest::Deadlines,
     observation::Observation,
+    plugin::PluginLibrary,
     predictor::backend,
     registry::{LoadedDeployment, LoadedSkill, ModelPolicy, load_deployment, load_skill},
     robot::RobotModel,
-    runtime::Runtime,
+    runtime::{Pace, Runtime, Supervision},
 };
 use vocaloco_plugin_api::Command;
 
-use crate::{exit::Exit, output, progress, verbs::Shared};
+use crate::{
+    exit::Exit,
+    output, progress,
+    verbs::{Shared, run::pace::clock},
+};
 
 /// Time of a whole tick of the runtime: observation, field, two networks a skill, choice, plugin, checks.
 ///
 /// The robot is told that it walks at 0.6 m/s towards stairs that come nearer tick by tick, over a patch
 /// of 5 cm resolution; nothing is simulated and nothing is written, so the figures are the loop's alone,
 /// on one thread. `driven_share` is the share of ticks in which a skill, not the stand, gave the targets.
+///
+/// The same ticks are timed again with every call on a thread of its own, as in real time
+/// (`real_time`, with budgets that nothing exceeds), and with every plugin in a process of its own
+/// (`isolated`); `added_p50_us` is what that costs.
 ///
 /// More skills than the deployment has are its own over again, each with a plugin instance and networks
 /// of its own. Allocations are not counted by this program: `allocations_per_tick` is null. `peer` is
@@ -60,46 +68,55 @@ struct Report {
     p99_us: f64,
     max_us: f64,
     driven_share: f64,
+    real_time: Otherwise,
+    isolated: Option<Otherwise>,
     allocations_per_tick: Option<f64>,
     backend: String,
     peer: Option<()>,
+}
+
+/// The same ticks with calls made otherwise, µs.
+#[derive(Serialize)]
+struct Otherwise {
+    p50_us: f64,
+    p99_us: f64,
+    max_us: f64,
+    /// Half of the ticks take this much longer.
+    added_p50_us: f64,
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     ensure!(args.ticks > 0, "--ticks: found 0, wanted 1 or more");
     ensure!(args.skills != Some(0), "--skills: found 0, wanted 1 or more");
     let installation = Installation::find()?;
-    let mut loaded = load_deployment(&installation, &args.deployment)
-        .with_context(|| format!("deployment `{}`", args.deployment))?;
+    let loaded = args.load(&installation)?;
     for refusal in &loaded.refused {
         eprintln!("{refusal}");
     }
-    resize(&mut loaded, &installation, args.skills)?;
     let skills = loaded.skills.len();
-    let mut observations = approach(&loaded.robot);
-    let mut runtime = Runtime::new(loaded)?;
-    let bar = progress::bar(&format!("{skills} skills"), args.ticks as u64);
-    let mut times_us = Vec::with_capacity(args.ticks);
-    let mut driven = 0_usize;
-    for tick in 0..WARM_UP_TICKS + args.ticks {
-        let observation = &mut observations[tick % APPROACH_TICKS];
-        let t_s = 0.02 * tick as f64;
-        observation.t_s = t_s;
-        if let Some(elevation) = &mut observation.elevation {
-            elevation.t_s = t_s;
+    let plain = args.time(Runtime::new(loaded)?);
+    let otherwise = |runtime: Runtime| {
+        let Timed { times_us, .. } = args.time(runtime);
+        Otherwise {
+            p50_us: quantile(&times_us, 0.5),
+            p99_us: quantile(&times_us, 0.99),
+            max_us: quantile(&times_us, 1.0),
+            added_p50_us: quantile(&times_us, 0.5) - quantile(&plain.times_us, 0.5),
         }
-        #[expect(clippy::disallowed_methods, reason = "this verb measures time")]
-        let start = Instant::now();
-        let ticked = runtime.tick(observation);
-        let time_us = 1e6 * start.elapsed().as_secs_f64();
-        if tick >= WARM_UP_TICKS {
-            times_us.push(time_us);
-            driven += usize::from(ticked.decision.active != STAND);
-            bar.inc(1);
+    };
+    // What a thread costs is asked here, not whether this machine keeps to the deployment's budgets.
+    let deadlines = Deadlines { act_s: 10.0, predict_s: 10.0 };
+    let supervision = Supervision { clock, deadlines, pace: Pace::Real };
+    let real_time = otherwise(Runtime::new(args.load(&installation)?)?.supervised(supervision)?);
+    let isolated = if cfg!(target_os = "linux") {
+        let mut loaded = args.load(&installation)?;
+        for skill in &mut loaded.skills {
+            skill.library = PluginLibrary::open_isolated(&installation.plugin_path, &skill.manifest.plugin)?;
         }
-    }
-    bar.finish_and_clear();
-    times_us.sort_by(f64::total_cmp);
+        Some(otherwise(Runtime::new(loaded)?))
+    } else {
+        None
+    };
     let report = Report {
         command: args.command(skills),
         seed: args.shared.seed,
@@ -107,10 +124,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         deployment: args.deployment.clone(),
         skills,
         ticks: args.ticks,
-        p50_us: quantile(&times_us, 0.5),
-        p99_us: quantile(&times_us, 0.99),
-        max_us: quantile(&times_us, 1.0),
-        driven_share: driven as f64 / args.ticks as f64,
+        p50_us: quantile(&plain.times_us, 0.5),
+        p99_us: quantile(&plain.times_us, 0.99),
+        max_us: quantile(&plain.times_us, 1.0),
+        driven_share: plain.driven as f64 / args.ticks as f64,
+        real_time,
+        isolated,
         allocations_per_tick: None,
         backend: format!("{} {}", backend().name, backend().version),
         peer: None,
@@ -118,20 +137,72 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     if args.shared.json {
         output::json(&report)?;
     } else {
-        let Report { p50_us, p99_us, max_us, .. } = report;
-        output::line(&format!(
-            "{skills} skills, {} ticks on {}: p50 {p50_us:.0} µs, p99 {p99_us:.0} µs, max {max_us:.0} µs; a \
-             skill drove in {:.0} %\n{}",
-            args.ticks,
-            report.backend,
-            100.0 * report.driven_share,
-            report.command
-        ))?;
+        say(&report)?;
     }
     Ok(Exit::Fine)
 }
 
+fn say(report: &Report) -> anyhow::Result<()> {
+    let Report { skills, ticks, p50_us, p99_us, max_us, backend, .. } = report;
+    output::line(&format!(
+        "{skills} skills, {ticks} ticks on {backend}: p50 {p50_us:.0} µs, p99 {p99_us:.0} µs, max {max_us:.0} \
+         µs; a skill drove in {:.0} %",
+        100.0 * report.driven_share
+    ))?;
+    let otherwise = [
+        ("calls on threads of their own", Some(&report.real_time)),
+        ("plugins in processes of their own", report.isolated.as_ref()),
+    ];
+    for (how, timed) in otherwise {
+        if let Some(Otherwise { p50_us, p99_us, max_us, added_p50_us }) = timed {
+            output::line(&format!(
+                "{how}: p50 {p50_us:.0} µs ({added_p50_us:+.0}), p99 {p99_us:.0} µs, max {max_us:.0} µs"
+            ))?;
+        }
+    }
+    output::line(&report.command)?;
+    Ok(())
+}
+
+/// Durations of ticks in order of size, and the number in which a skill drove.
+struct Timed {
+    times_us: Vec<f64>,
+    driven: usize,
+}
+
 impl Args {
+    fn load(&self, installation: &Installation) -> anyhow::Result<LoadedDeployment> {
+        let mut loaded = load_deployment(installation, &self.deployment)
+            .with_context(|| format!("deployment `{}`", self.deployment))?;
+        resize(&mut loaded, installation, self.skills)?;
+        Ok(loaded)
+    }
+
+    fn time(&self, mut runtime: Runtime) -> Timed {
+        let mut observations = approach(runtime.robot());
+        let bar = progress::bar(&format!("{} skills", runtime.rules().len()), self.ticks as u64);
+        let mut timed = Timed { times_us: Vec::with_capacity(self.ticks), driven: 0 };
+        for tick in 0..WARM_UP_TICKS + self.ticks {
+            let observation = &mut observations[tick % APPROACH_TICKS];
+            let t_s = 0.02 * tick as f64;
+            observation.t_s = t_s;
+            if let Some(elevation) = &mut observation.elevation {
+                elevation.t_s = t_s;
+            }
+            let start = clock();
+            let ticked = runtime.tick(observation);
+            let time_us = 1e6 * (clock() - start).as_secs_f64();
+            if tick >= WARM_UP_TICKS {
+                timed.times_us.push(time_us);
+                timed.driven += usize::from(ticked.decision.active != STAND);
+                bar.inc(1);
+            }
+        }
+        bar.finish_and_clear();
+        timed.times_us.sort_by(f64::total_cmp);
+        timed
+    }
+
     fn command(&self, skills: usize) -> String {
         format!(
             "vocaloco bench tick --skills {skills} --ticks {} --deployment {} --seed {}",

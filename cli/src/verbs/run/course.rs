@@ -3,11 +3,17 @@
 use serde::Serialize;
 use vocaloco_core::decision_log::{LogWriter, Setup};
 use vocaloco_core::predictor::backend;
-use vocaloco_core::runtime::Runtime;
-use vocaloco_sim::course::{CourseConfig, CourseRun, CourseStage, Outcome, SelectorPilot, Switch, drive};
+use vocaloco_core::runtime::{Runtime, TickSummary};
+use vocaloco_plugin_api::Command;
+use vocaloco_sim::course::{
+    CourseConfig, CourseError, CourseRun, CourseStage, Outcome, Pilot, PilotTick, SelectorPilot, Switch,
+    drive,
+};
 use vocaloco_sim::driver::SensorNoise;
+use vocaloco_sim::plant::Plant;
 use vocaloco_sim::terrain::CourseKind;
 
+use super::pace::{self, Metronome};
 use super::{Args, load};
 use crate::exit::Exit;
 use crate::{output, progress};
@@ -53,6 +59,8 @@ struct Report<'a> {
     cot: Option<f64>,
     switches: &'a [Switch],
     refused: Vec<String>,
+    /// What ticks took on this machine; nothing else here depends on it unless it ran in real time.
+    timing: TickSummary,
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
@@ -71,11 +79,14 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         ..CourseConfig::demo(course.course, course.size_m, args.shared.seed)
     };
     let (loaded, refused) = load(args)?;
-    let mut runtime = Runtime::new(loaded)?;
+    let supervision = args.supervision(loaded.deployment.deadlines);
+    let mut runtime = Runtime::new(loaded)?.supervised(supervision)?;
+    let metronome = args.real_time.then(|| Metronome::new(runtime.config().rate_hz));
     let setup = Setup::of(&runtime, &args.deployment);
     let spinner = progress::spinner("driving");
     let CourseStage { terrain, mut plant } = CourseStage::set(runtime.robot(), &config)?;
-    let run = drive(&config, &mut SelectorPilot::new(&config, &mut plant, &terrain, &mut runtime))?;
+    let pilot = SelectorPilot::new(&config, &mut plant, &terrain, &mut runtime);
+    let run = drive(&config, &mut PacedPilot { pilot, metronome })?;
     spinner.finish_and_clear();
     if let Some(file) = &args.log {
         let mut log = LogWriter::create(file, &setup)?;
@@ -100,27 +111,51 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         cot: run.cot,
         switches: &run.switches,
         refused,
+        timing: runtime.times(),
     };
     if args.shared.json {
         output::json(&report)?;
     } else {
         say(&run, &report)?;
+        pace::narrate(&report.timing, false)?;
     }
     Ok(Exit::Fine)
+}
+
+/// A pilot that keeps to the clock, where it has a metronome.
+struct PacedPilot<'a> {
+    pilot: SelectorPilot<'a>,
+    metronome: Option<Metronome>,
+}
+
+impl Pilot for PacedPilot<'_> {
+    fn plant(&self) -> &Plant {
+        self.pilot.plant()
+    }
+
+    fn reset_work(&mut self) {
+        self.pilot.reset_work();
+    }
+
+    fn tick(&mut self, command: &Command) -> Result<PilotTick, CourseError> {
+        self.metronome.iter_mut().for_each(Metronome::wait);
+        self.pilot.tick(command)
+    }
 }
 
 fn command(args: &Args) -> String {
     let course = &args.course;
     format!(
         "vocaloco run --deployment {} --source sim --course {} --size-m {} --steps {} --field-noise-m {} \
-         --patch-noise-m {} --seed {}",
+         --patch-noise-m {} --seed {}{}",
         args.deployment,
         course.course.id(),
         course.size_m,
         course.steps,
         course.field_noise_m,
         course.patch_noise_m,
-        args.shared.seed
+        args.shared.seed,
+        args.real_time_flag()
     )
 }
 

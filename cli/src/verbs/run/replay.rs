@@ -45,6 +45,7 @@ struct Difference {
 }
 
 pub(super) fn run(args: &Args, file: &Path) -> anyhow::Result<Exit> {
+    anyhow::ensure!(!args.real_time, "--real-time: found it, wanted nothing with --source replay:");
     if let Some(log) = &args.log {
         // A replay decides choice and driver only: with the recorded reasons and predictions beside
         // them, such a log would contradict itself.

@@ -7,12 +7,13 @@ use vocaloco_core::decision_log::{LogError, LogWriter, Setup};
 use vocaloco_core::runtime::Runtime;
 use vocaloco_core::stdio::{Greeting, serve};
 
-use super::{Args, load};
+use super::{Args, load, pace};
 use crate::exit::Exit;
 
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let (loaded, refused) = load(args)?;
-    let mut runtime = Runtime::new(loaded)?;
+    let supervision = args.supervision(loaded.deployment.deadlines);
+    let mut runtime = Runtime::new(loaded)?.supervised(supervision)?;
     let greeting = Greeting::of(&runtime, &args.deployment, refused);
     let setup = Setup::of(&runtime, &args.deployment);
     let mut log = args.log.as_deref().map(|file| LogWriter::create(file, &setup)).transpose()?;
@@ -33,6 +34,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     }
     let logged = !served.unseen && ended.is_ok();
     eprintln!("{} lines answered, {} of them with an error", served.lines, served.errors);
+    pace::narrate(&runtime.times(), args.shared.json)?;
     Ok(if served.errors == 0 && logged { Exit::Fine } else { Exit::Finding })
 }
 

@@ -1,6 +1,9 @@
 //! A plugin that holds the stand and misbehaves as its parameter text says: `fault after_ticks`, such
 //! as `panic 10`; see `Fault`. It uses the interface crate alone, as a plugin may.
 
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
 use vocaloco_plugin_api::abi::abi_stable::std_types::{RNone, RVec};
 use vocaloco_plugin_api::{
     Command, CommandKind, Description, ErrorCode, Host, JointTarget, Needs, Range, RobotDescription,
@@ -20,8 +23,26 @@ enum Fault {
     NegativeStiffness,
     /// Leaves the targets as they were handed in.
     Silent,
-    /// Sleeps 200 ms.
+    /// Sleeps 1.5 s.
     Slow,
+    /// Says 1e9 rad.
+    Billion,
+    /// Fills in the first seven targets only.
+    Short,
+    /// Fills in one target more than there are joints.
+    Long,
+    /// Never returns, asleep.
+    Hang,
+    /// Never returns, busy.
+    Spin,
+    /// Keeps 32 MiB more each tick.
+    Leak,
+    /// Answers the same input otherwise each time.
+    Drift,
+    /// Writes where it must not.
+    Segfault,
+    /// Ends its process.
+    Abort,
 }
 
 /// The controller.
@@ -68,6 +89,16 @@ impl Skill for Faulty {
             Some("negative_stiffness") => Fault::NegativeStiffness,
             Some("silent") => Fault::Silent,
             Some("slow") => Fault::Slow,
+            Some("billion") => Fault::Billion,
+            Some("short") => Fault::Short,
+            Some("long") => Fault::Long,
+            Some("hang") => Fault::Hang,
+            Some("spin") => Fault::Spin,
+            Some("leak") => Fault::Leak,
+            Some("drift") => Fault::Drift,
+            Some("segfault") => Fault::Segfault,
+            Some("abort") => Fault::Abort,
+            Some("abort_in_create") => std::process::abort(),
             Some(other) => return Err(refuse(other)),
         };
         let after_ticks = match words.next() {
@@ -95,7 +126,8 @@ impl Skill for Faulty {
         if due && matches!(self.fault, Fault::Silent) {
             return Ok(());
         }
-        for (target, position_rad) in joints.iter_mut().zip(&self.stand_rad) {
+        let count = if due && matches!(self.fault, Fault::Short) { 7 } else { joints.len() };
+        for (target, position_rad) in joints[..count].iter_mut().zip(&self.stand_rad) {
             *target = JointTarget {
                 position_rad: *position_rad,
                 stiffness_nm_per_rad: 80.0,
@@ -107,18 +139,40 @@ impl Skill for Faulty {
             // Not the first joint, so that a check of only that one is caught.
             let joint = &mut joints[7];
             match self.fault {
-                Fault::None | Fault::PanicInReset | Fault::Silent => {}
+                Fault::None | Fault::PanicInReset | Fault::Silent | Fault::Short => {}
                 Fault::Panic => panic!("asked for a panic in act"),
                 Fault::Error => return Err(SkillError::new(ErrorCode::Internal, "asked for an error")),
                 Fault::Nan => joint.position_rad = f32::NAN,
                 Fault::InfiniteGain => joint.damping_nms_per_rad = f32::INFINITY,
                 Fault::OutOfRange => joint.position_rad = 50.0,
                 Fault::NegativeStiffness => joint.stiffness_nm_per_rad = -80.0,
-                Fault::Slow => std::thread::sleep(std::time::Duration::from_millis(200)),
+                Fault::Slow => std::thread::sleep(Duration::from_millis(1500)),
+                Fault::Billion => joint.position_rad = 1e9,
+                Fault::Long => joints[self.stand_rad.len()] = JointTarget::default(),
+                Fault::Hang => loop {
+                    std::thread::sleep(Duration::from_millis(1));
+                },
+                Fault::Spin => loop {
+                    std::hint::spin_loop();
+                },
+                Fault::Leak => std::mem::forget(std::hint::black_box(vec![1_u8; 32 << 20])),
+                Fault::Drift => joint.position_rad += 1e-3 * CALLS.fetch_add(1, Ordering::Relaxed) as f32,
+                Fault::Segfault => write_nowhere(),
+                Fault::Abort => std::process::abort(),
             }
         }
         Ok(())
     }
+}
+
+/// Calls of all instances that drift: what no reset forgets.
+static CALLS: AtomicU32 = AtomicU32::new(0);
+
+#[allow(unsafe_code, reason = "a fault that only a process of its own survives")]
+fn write_nowhere() {
+    let nowhere = std::hint::black_box(8_usize) as *mut u32;
+    // SAFETY: none: the first page is never mapped, and the process ends here.
+    unsafe { nowhere.write_volatile(1) };
 }
 
 vocaloco_plugin_api::export_skill!(Faulty);

@@ -1,0 +1,240 @@
+//! The host's side: starts a child, hands it calls, and turns its end into an error.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
+use std::os::unix::process::ExitStatusExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command as Process, ExitStatus, Stdio};
+use std::time::Duration;
+
+use vocaloco_plugin_api::{
+    Command, Description, ErrorCode, JointTarget, Needs, RobotDescription, RobotState, SkillError,
+};
+
+use super::frame::{Call, read_answer, write_call};
+use super::memory::SharedMemory;
+use super::message::{self, Create, Policy, Start, Started};
+use super::wire;
+use crate::manifest::Finding;
+use crate::plugin::PluginError;
+use crate::policy::PolicyNetwork;
+
+/// Longest time to load a library and make an instance.
+const START: Duration = Duration::from_secs(30);
+/// A call without an answer for this long has hung: the child is ended. In real time the loop has long
+/// gone on without it.
+const HUNG: Duration = Duration::from_secs(2);
+/// Time in which a child that hung up is expected to have ended.
+const END: Duration = Duration::from_millis(200);
+
+/// The program that children run: this one, or `vocaloco` beside the plugins.
+#[derive(Clone, Debug)]
+pub(crate) struct Program(PathBuf);
+
+impl Program {
+    /// This process's own program when it is `vocaloco`, else the one on the plugin path.
+    pub(crate) fn find(search_path: &[PathBuf]) -> Result<Self, Finding> {
+        let own = std::env::current_exe().ok();
+        if own.as_deref().and_then(Path::file_stem).is_some_and(|stem| stem == "vocaloco") {
+            // The very program that runs, even when its file was replaced meanwhile.
+            return Ok(Self("/proc/self/exe".into()));
+        }
+        let beside = search_path.iter().map(|folder| folder.join("vocaloco")).find(|file| file.is_file());
+        beside.map(Self).ok_or_else(|| {
+            let wanted = "the program vocaloco on the plugin path, which isolated plugins run in";
+            Finding::new(Path::new("vocaloco"), "isolation", "no such program", wanted)
+        })
+    }
+}
+
+/// An instance in a child process.
+pub(crate) struct ChildInstance {
+    child: Child,
+    wire: UnixStream,
+    memory: SharedMemory,
+    bytes: Vec<u8>,
+    /// How it ended, once it has.
+    ended: Option<String>,
+}
+
+impl ChildInstance {
+    /// What the library at `file`, whose bytes have this hash, says of itself: asked of a child that
+    /// ends thereafter.
+    pub(crate) fn describe(
+        program: &Program,
+        file: &Path,
+        sha256: &[u8],
+    ) -> Result<Description, PluginError> {
+        let (_, started) = Self::start(program, file, sha256, None)?;
+        let description = started.description.and_then(message::Description::into_api);
+        description.ok_or_else(|| PluginError::Description(nonsense(file, "describe")))
+    }
+
+    /// A new instance, and what it needs.
+    pub(crate) fn create(
+        program: &Program,
+        file: &Path,
+        sha256: &[u8],
+        parameters: &str,
+        robot: &RobotDescription,
+        policy: Option<&PolicyNetwork>,
+    ) -> Result<(Self, Needs), PluginError> {
+        let create = Create {
+            parameters: parameters.to_owned(),
+            robot: message::Robot::of(robot),
+            policy: policy.map(|network| Policy {
+                file: network.file().to_string_lossy().into_owned(),
+                sha256: network.sha256().to_owned(),
+            }),
+        };
+        let (instance, started) = Self::start(program, file, sha256, Some(create))?;
+        let needs = started.needs.and_then(message::Needs::into_api);
+        Ok((instance, needs.ok_or_else(|| PluginError::Create(nonsense(file, "needs")))?))
+    }
+
+    fn start(
+        program: &Program,
+        file: &Path,
+        sha256: &[u8],
+        create: Option<Create>,
+    ) -> Result<(Self, Started), PluginError> {
+        let cannot = |error: io::Error| {
+            let wanted = format!("{} as a process of its own", program.0.display());
+            PluginError::Create(Finding::new(file, "isolation", error, wanted))
+        };
+        let mut instance = Self::spawn(program).map_err(cannot)?;
+        let library = file.to_string_lossy().into_owned();
+        let start = Start { library, sha256: sha256.to_vec(), create };
+        let answer = wire::send(&mut instance.wire, &start)
+            .and_then(|()| wire::receive::<Started>(&mut instance.wire))
+            .and_then(|started| instance.wire.set_read_timeout(Some(HUNG)).map(|()| started));
+        match answer {
+            Ok(Started { refused: Some(refused), .. }) => {
+                let finding = Finding::new(file, refused.field, refused.found, refused.wanted);
+                Err(PluginError::of_kind(refused.kind, finding))
+            }
+            Ok(started) => Ok((instance, started)),
+            Err(error) => {
+                let found = instance.end(&error, START);
+                let wanted = "a plugin that loads and makes an instance";
+                Err(PluginError::Create(Finding::new(file, "isolation", found, wanted)))
+            }
+        }
+    }
+
+    fn spawn(program: &Program) -> io::Result<Self> {
+        let memory = SharedMemory::new()?;
+        let (wire, theirs) = UnixStream::pair()?;
+        wire.set_read_timeout(Some(START))?;
+        wire.set_write_timeout(Some(START))?;
+        let child = Process::new(&program.0)
+            .args(["plugin-host", "--memory"])
+            .arg(memory.path())
+            .stdin(Stdio::from(OwnedFd::from(theirs)))
+            // What a plugin prints must not end up between the lines of a result.
+            .stdout(Stdio::null())
+            .spawn()?;
+        Ok(Self { child, wire, memory, bytes: Vec::new(), ended: None })
+    }
+
+    /// See [`Skill::reset`](vocaloco_plugin_api::Skill::reset).
+    pub(crate) fn reset(&mut self, state: &RobotState<'_>) -> Result<(), SkillError> {
+        self.call(Call::Reset, state, &Command::velocity(0.0, 0.0, 0.0), &mut [])
+    }
+
+    /// See [`Skill::act`](vocaloco_plugin_api::Skill::act).
+    pub(crate) fn act(
+        &mut self,
+        state: &RobotState<'_>,
+        command: &Command,
+        joints: &mut [JointTarget],
+    ) -> Result<(), SkillError> {
+        self.call(Call::Act, state, command, joints)
+    }
+
+    fn call(
+        &mut self,
+        call: Call,
+        state: &RobotState<'_>,
+        command: &Command,
+        joints: &mut [JointTarget],
+    ) -> Result<(), SkillError> {
+        let failed = |line: String| SkillError::new(ErrorCode::Internal, line);
+        if let Some(ended) = &self.ended {
+            return Err(failed(ended.clone()));
+        }
+        write_call(&mut self.bytes, call, state, command, joints);
+        if !self.memory.write(0, &self.bytes) {
+            return Err(failed(format!("found a state of {} bytes, wanted fewer", self.bytes.len())));
+        }
+        let answered = self.wire.write_all(&[1]).and_then(|()| self.wire.read_exact(&mut [0]));
+        if let Err(error) = answered {
+            return Err(failed(self.end(&error, HUNG)));
+        }
+        self.memory.read(1, &mut self.bytes);
+        match call {
+            Call::Reset => read_answer(&self.bytes, &mut []),
+            Call::Act => read_answer(&self.bytes, joints),
+        }
+    }
+
+    /// Ends the child after `error`; how it ended, in words that it also keeps.
+    fn end(&mut self, error: &io::Error, patience: Duration) -> String {
+        let is_late = matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut);
+        let ended = if is_late {
+            format!("found no answer for {} s, wanted one; its process was ended", patience.as_secs())
+        } else {
+            match self.status() {
+                Some(status) => format!("found its process {}, wanted an answer", how(status)),
+                None => format!("found its process silent ({error}), wanted an answer"),
+            }
+        };
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        self.ended = Some(ended.clone());
+        ended
+    }
+
+    /// How the child ended, which it does a moment after it hangs up.
+    fn status(&mut self) -> Option<ExitStatus> {
+        let step = Duration::from_millis(1);
+        (0..END.as_millis()).find_map(|_| {
+            let status = self.child.try_wait().ok().flatten();
+            if status.is_none() {
+                std::thread::sleep(step);
+            }
+            status
+        })
+    }
+}
+
+fn how(status: ExitStatus) -> String {
+    let name = |signal| match signal {
+        4 => " (illegal instruction)",
+        6 => " (abort)",
+        7 => " (bus error)",
+        8 => " (arithmetic)",
+        9 => " (killed)",
+        11 => " (segmentation fault)",
+        _ => "",
+    };
+    match (status.signal(), status.code()) {
+        (Some(signal), _) => format!("ended by signal {signal}{}", name(signal)),
+        (None, Some(code)) => format!("ended with exit code {code}"),
+        (None, None) => "ended".to_owned(),
+    }
+}
+
+fn nonsense(file: &Path, field: &str) -> Finding {
+    Finding::new(file, field, "an answer that is none", "a plugin of this interface")
+}
+
+impl Drop for ChildInstance {
+    fn drop(&mut self) {
+        if self.ended.is_none() {
+            let _ = self.child.kill();
+            let _ = self.child.wait();
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! The child's side: loads one library, makes one instance, answers calls until the host is gone.
+
+use std::io::{self, Read, Write};
+use std::os::fd::AsFd;
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::sync::Arc;
+
+use vocaloco_plugin_api::SkillError;
+
+use super::frame::{Call, CallBuffer, read_call, write_answer};
+use super::limits::{self, GROWTH_BYTES, LOADING_BYTES};
+use super::memory::SharedMemory;
+use super::message::{Create, Description, Needs, Refused, Start, Started};
+use super::wire;
+use crate::manifest::Finding;
+use crate::plugin::{PluginError, PluginInstance, PluginLibrary};
+use crate::policy::PolicyNetwork;
+
+/// Serves one instance over the socket that is this process's stdin and the memory at `memory`.
+///
+/// # Errors
+/// The socket or the memory is not what a host gives its child. A host that goes away is none.
+pub fn serve(memory: &Path) -> io::Result<()> {
+    let mut wire = UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?);
+    let mut memory = SharedMemory::open(memory)?;
+    limits::leave_no_core()?;
+    limits::allow_growth(LOADING_BYTES)?;
+    end_with_the_host(wire.try_clone()?)?;
+    let start: Start = wire::receive(&mut wire)?;
+    let (started, instance) = match load(start) {
+        Ok((started, instance)) => (started, instance),
+        Err(error) => (Started { refused: Some(refused(error)), ..Started::default() }, None),
+    };
+    limits::allow_growth(GROWTH_BYTES)?;
+    wire::send(&mut wire, &started)?;
+    let Some(mut instance) = instance else { return Ok(()) };
+    let (mut call, mut bytes) = (CallBuffer::default(), Vec::new());
+    while wire.read(&mut [0])? == 1 {
+        memory.read(0, &mut bytes);
+        read_call(&bytes, &mut call).ok_or_else(|| io::Error::other("a call that is none"))?;
+        let answer = run(&mut instance, &mut call);
+        write_answer(&mut bytes, &answer, &call.joints);
+        memory.write(1, &bytes);
+        wire.write_all(&[1])?;
+    }
+    Ok(())
+}
+
+fn run(instance: &mut PluginInstance, call: &mut CallBuffer) -> Result<(), SkillError> {
+    let state = call.state.state();
+    match call.call {
+        Call::Reset => instance.reset(&state),
+        Call::Act => instance.act(&state, &call.command, &mut call.joints),
+    }
+}
+
+/// Ends this process when the host is gone, even while the plugin never returns.
+fn end_with_the_host(wire: UnixStream) -> io::Result<()> {
+    std::thread::Builder::new().name("host watch".to_owned()).stack_size(64 << 10).spawn(move || {
+        limits::wait_for_hang_up(&wire);
+        std::process::abort();
+    })?;
+    Ok(())
+}
+
+fn load(start: Start) -> Result<(Started, Option<PluginInstance>), PluginError> {
+    let file = Path::new(&start.library);
+    let library = PluginLibrary::open_exactly(file, &start.sha256)?;
+    let description = Some(Description::of(library.description()));
+    let Some(create) = start.create else {
+        return Ok((Started { description, ..Started::default() }, None));
+    };
+    let instance = instance(file, &library, create)?;
+    let needs = Some(Needs::of(instance.needs()));
+    Ok((Started { description, needs, refused: None }, Some(instance)))
+}
+
+fn instance(
+    file: &Path,
+    library: &Arc<PluginLibrary>,
+    create: Create,
+) -> Result<PluginInstance, PluginError> {
+    let refuse =
+        |field, found: &str, wanted: &str| PluginError::Create(Finding::new(file, field, found, wanted));
+    let robot = create.robot.into_api();
+    let robot = robot.ok_or_else(|| refuse("robot", "a description cut short", "a whole one"))?;
+    let policy = create.policy.map(|policy| {
+        let network = PolicyNetwork::load(Path::new(&policy.file));
+        let network = network.map_err(|error| PluginError::Create(error.0))?;
+        if network.sha256() == policy.sha256 {
+            return Ok(network);
+        }
+        Err(refuse("models.policy", network.sha256(), &policy.sha256))
+    });
+    library.create_with(&create.parameters, &robot, policy.transpose()?.as_ref())
+}
+
+fn refused(error: PluginError) -> Refused {
+    let kind = error.kind();
+    let finding = error.into_finding();
+    Refused { kind, field: finding.field, found: finding.found, wanted: finding.wanted }
+}

@@ -1,0 +1,124 @@
+//! Memory that host and child both see.
+#![allow(unsafe_code, reason = "maps memory that another process writes to")]
+
+use std::fs::File;
+use std::io;
+use std::os::fd::AsRawFd;
+use std::path::{Path, PathBuf};
+use std::ptr::{self, NonNull};
+
+/// Room for a call, and as much again for its answer: the largest terrain patch is 1.4 MB.
+pub(super) const HALF_BYTES: usize = 2 << 20;
+
+/// A mapped file, read and written by copies only: what the other side does meanwhile can spoil
+/// values, which are checked after they are copied, and nothing else.
+pub(super) struct SharedMemory {
+    start: NonNull<u8>,
+    /// Open as long as the other side may yet open it.
+    file: File,
+}
+
+// SAFETY: the mapping belongs to this value alone within the process.
+unsafe impl Send for SharedMemory {}
+
+impl SharedMemory {
+    /// New memory, zero throughout.
+    pub(super) fn new() -> io::Result<Self> {
+        let descriptor = rustix::fs::memfd_create("vocaloco-call", rustix::fs::MemfdFlags::CLOEXEC)?;
+        let file = File::from(descriptor);
+        file.set_len(2 * HALF_BYTES as u64)?;
+        Self::map(file)
+    }
+
+    /// The memory that another process of this user has at [`path`](Self::path).
+    pub(super) fn open(path: &Path) -> io::Result<Self> {
+        let file = File::options().read(true).write(true).open(path)?;
+        if file.metadata()?.len() != 2 * HALF_BYTES as u64 {
+            return Err(io::Error::other("memory of another size"));
+        }
+        Self::map(file)
+    }
+
+    /// Where the child of this process finds it.
+    pub(super) fn path(&self) -> PathBuf {
+        format!("/proc/{}/fd/{}", std::process::id(), self.file.as_raw_fd()).into()
+    }
+
+    fn map(file: File) -> io::Result<Self> {
+        // SAFETY: a new mapping of a file of this length, at an address of the system's choice.
+        let start = unsafe {
+            let access = libc::PROT_READ | libc::PROT_WRITE;
+            libc::mmap(ptr::null_mut(), 2 * HALF_BYTES, access, libc::MAP_SHARED, file.as_raw_fd(), 0)
+        };
+        if start == libc::MAP_FAILED {
+            return Err(io::Error::last_os_error());
+        }
+        let start = NonNull::new(start.cast()).ok_or_else(|| io::Error::other("no address"))?;
+        Ok(Self { start, file })
+    }
+
+    /// Writes a length and `bytes` to one half, 0 or 1; `false` when they do not fit.
+    pub(super) fn write(&mut self, half: usize, bytes: &[u8]) -> bool {
+        if bytes.len() > HALF_BYTES - 8 {
+            return false;
+        }
+        let length = (bytes.len() as u64).to_le_bytes();
+        // SAFETY: `half` is 0 or 1 and the length was checked: all of it is inside the mapping.
+        unsafe {
+            let at = self.start.as_ptr().add((half & 1) * HALF_BYTES);
+            at.copy_from_nonoverlapping(length.as_ptr(), 8);
+            at.add(8).copy_from_nonoverlapping(bytes.as_ptr(), bytes.len());
+        }
+        true
+    }
+
+    /// Copies what was written to one half into `bytes`; no more than fits there, whatever it says.
+    pub(super) fn read(&self, half: usize, bytes: &mut Vec<u8>) {
+        let mut length = [0; 8];
+        bytes.clear();
+        // SAFETY: as in `write`; the length is bounded before it is used.
+        unsafe {
+            let at = self.start.as_ptr().add((half & 1) * HALF_BYTES);
+            at.copy_to_nonoverlapping(length.as_mut_ptr(), 8);
+            let length = usize::try_from(u64::from_le_bytes(length)).unwrap_or(usize::MAX);
+            bytes.resize(length.min(HALF_BYTES - 8), 0);
+            at.add(8).copy_to_nonoverlapping(bytes.as_mut_ptr(), bytes.len());
+        }
+    }
+}
+
+impl Drop for SharedMemory {
+    fn drop(&mut self) {
+        // SAFETY: mapped by `map` with this length, and never used again.
+        unsafe { libc::munmap(self.start.as_ptr().cast(), 2 * HALF_BYTES) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_one_side_writes_the_other_reads_and_the_halves_are_apart() {
+        let mut ours = SharedMemory::new().unwrap();
+        let mut theirs = SharedMemory::open(&ours.path()).unwrap();
+        assert!(ours.write(0, b"call") && theirs.write(1, b"an answer"));
+        let mut bytes = Vec::new();
+        theirs.read(0, &mut bytes);
+        assert_eq!(bytes, b"call");
+        ours.read(1, &mut bytes);
+        assert_eq!(bytes, b"an answer");
+    }
+
+    #[test]
+    fn too_much_is_not_written_and_a_length_that_lies_is_cut() {
+        let mut memory = SharedMemory::new().unwrap();
+        assert!(!memory.write(0, &vec![1; HALF_BYTES - 7]));
+        assert!(memory.write(1, &vec![1; HALF_BYTES - 8]));
+        // SAFETY: the first bytes of the mapping.
+        unsafe { memory.start.as_ptr().write_bytes(0xff, 8) };
+        let mut bytes = Vec::new();
+        memory.read(0, &mut bytes);
+        assert_eq!(bytes.len(), HALF_BYTES - 8);
+    }
+}

@@ -1,0 +1,161 @@
+use super::*;
+use crate::decision::{Decision, Forced};
+use crate::manifest::Deadlines;
+use crate::replay::as_recorded;
+use crate::runtime::fixture::{Fake, Gate, Loop, fake, skill};
+use crate::selector::Reason;
+
+/// Long enough for a thread to answer on a busy machine.
+const DEADLINES: Deadlines = Deadlines { act_s: 0.5, predict_s: 0.5 };
+
+fn clock() -> Duration {
+    #[expect(clippy::disallowed_methods, reason = "budgets are of the world's time")]
+    static START: std::sync::LazyLock<std::time::Instant> = std::sync::LazyLock::new(std::time::Instant::now);
+    START.elapsed()
+}
+
+fn walking(walk: &Fake, other: &Fake, pace: Pace) -> Loop {
+    let mut it = Loop::new(vec![skill("walk", walk), skill("ascend", other)]);
+    let supervision = Supervision { clock, deadlines: DEADLINES, pace };
+    it.runtime = it.runtime.supervised(supervision).unwrap();
+    assert_eq!(it.until("walk"), 10);
+    it
+}
+
+fn faults(decision: &Decision) -> (&str, Option<Forced>, &str) {
+    (decision.active.as_str(), decision.forced, decision.events.first().map_or("", String::as_str))
+}
+
+#[test]
+fn a_call_that_hangs_stands_within_the_tick_and_is_out_after_three() {
+    let (walk, gate) = (fake(0.99, 0.2), Gate::default());
+    let mut it = walking(&walk, &fake(0.99, 0.9), Pace::Real);
+    walk.with(|script| script.act_hangs = Some(gate.clone()));
+    let began = clock();
+    // Having stood, the skill is reset before it acts: that is what the second call waits to do.
+    for call in ["act", "reset"] {
+        let decision = it.tick();
+        let late = format!("skill walk is late: {call}: found no answer, wanted one within 500.0 ms");
+        assert_eq!(faults(&decision), ("stand", Some(Forced::Overrun), late.as_str()));
+        assert!(it.stands_with_stand_gains() && !decision.stopped, "{call}");
+        assert!(decision.skills[0].viable, "it may answer yet");
+    }
+    let third = it.tick();
+    assert_eq!((third.active.as_str(), third.forced), ("stand", Some(Forced::Fault)));
+    assert!(third.events[0].starts_with("skill walk is taken out of service: reset: found no answer"));
+    assert_eq!(third.skills[0].reason, Reason::TooSlow);
+    // The budget was waited for once: a call that hangs is not waited for again.
+    assert!(clock() - began < Duration::from_millis(1400), "{:?}", clock() - began);
+    assert_eq!(it.until("ascend"), 25, "the others go on");
+    gate.open();
+}
+
+#[test]
+fn a_call_that_answers_late_once_is_reset_and_goes_on() {
+    let (walk, gate) = (fake(0.99, 0.2), Gate::default());
+    let mut it = walking(&walk, &fake(0.99, 0.9), Pace::Real);
+    walk.with(|script| script.act_hangs = Some(gate.clone()));
+    assert_eq!(it.tick().active, "stand");
+    let (resets, acts) = walk.with(|script| (script.resets, script.acts));
+    walk.with(|script| script.act_hangs = None);
+    gate.open();
+    let answered = (0..2000).any(|_| {
+        std::thread::sleep(Duration::from_millis(1));
+        walk.with(|script| script.acts) > acts
+    });
+    assert!(answered);
+    std::thread::sleep(Duration::from_millis(50));
+    let decision = it.tick();
+    assert_eq!((decision.active.as_str(), decision.forced), ("walk", None));
+    assert_eq!(walk.with(|script| script.resets), resets + 1, "the late answer is forgotten");
+}
+
+#[test]
+fn a_prediction_that_hangs_stands_if_it_is_the_active_skills() {
+    let (walk, gate) = (fake(0.99, 0.2), Gate::default());
+    let mut it = walking(&walk, &fake(0.99, 0.9), Pace::Real);
+    walk.with(|script| script.predict_hangs = Some(gate.clone()));
+    let late = "skill walk is late: predict: found no answer, wanted one within 500.0 ms";
+    assert_eq!(faults(&it.tick()), ("stand", Some(Forced::Overrun), late));
+    assert_eq!(faults(&it.tick()), ("stand", Some(Forced::Overrun), late));
+    let third = it.tick();
+    assert_eq!((third.forced, third.skills[0].reason), (Some(Forced::Fault), Reason::TooSlow));
+    assert_eq!(it.until("ascend"), 25);
+    gate.open();
+}
+
+#[test]
+fn a_prediction_that_hangs_costs_another_skill_nothing_but_its_own_place() {
+    let (ascend, gate) = (fake(0.99, 0.9), Gate::default());
+    let mut it = walking(&fake(0.99, 0.2), &ascend, Pace::Real);
+    ascend.with(|script| script.predict_hangs = Some(gate.clone()));
+    for tick in 0..5 {
+        let decision = it.tick();
+        assert_eq!(decision.active, "walk", "tick {tick}");
+        assert_eq!(decision.skills[1].reason == Reason::TooSlow, tick >= 2, "tick {tick}");
+    }
+    gate.open();
+}
+
+#[test]
+fn a_log_of_late_calls_replays_as_it_was_decided() {
+    let (walk, gate) = (fake(0.99, 0.2), Gate::default());
+    let mut it = walking(&walk, &fake(0.99, 0.9), Pace::Real);
+    let setup = crate::decision_log::Setup::of(&it.runtime, "test");
+    it.runtime.restart();
+    it.observation.t_s = 0.0;
+    let mut decisions: Vec<Decision> = (0..15).map(|_| it.tick()).collect();
+    for hangs in [Some(gate.clone()), None] {
+        walk.with(|script| script.act_hangs.clone_from(&hangs));
+        decisions.push(it.tick());
+        gate.open();
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    let gate = Gate::default();
+    walk.with(|script| script.predict_hangs = Some(gate.clone()));
+    decisions.extend((0..40).map(|_| it.tick()));
+    gate.open();
+    assert_eq!(decisions.last().unwrap().active, "ascend");
+    for (again, decision) in as_recorded(&setup, &decisions).iter().zip(&decisions) {
+        assert!(again.agrees_with(decision), "tick {}: {again:?}, then {decision:?}", decision.tick);
+    }
+}
+
+#[test]
+fn in_simulated_time_a_slow_call_is_counted_and_changes_nothing() {
+    let slow = |deadlines: Option<Deadlines>| {
+        let walk = fake(0.99, 0.2);
+        let mut it = Loop::new(vec![skill("walk", &walk)]);
+        if let Some(deadlines) = deadlines {
+            let supervision = Supervision { clock, deadlines, pace: Pace::Simulated };
+            it.runtime = it.runtime.supervised(supervision).unwrap();
+        }
+        walk.with(|script| script.act = Some(|_| std::thread::sleep(Duration::from_millis(2))));
+        let decisions: Vec<Decision> = (0..30).map(|_| it.tick()).collect();
+        (decisions, it.runtime.times())
+    };
+    let (unwatched, none) = slow(None);
+    let (watched, times) = slow(Some(Deadlines { act_s: 0.001, predict_s: 1.0 }));
+    assert_eq!(unwatched, watched, "not even timings are part of the record");
+    assert_eq!((none.ticks, none.overruns), (0, 0));
+    assert_eq!((times.ticks, times.overruns), (30, 21));
+    assert!(times.max_us >= 2000.0 && times.p50_us >= 2000.0, "{times}");
+}
+
+#[test]
+fn in_real_time_a_tick_in_time_is_as_in_simulated_time_but_for_its_timings() {
+    let run = |pace| {
+        let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2)), skill("ascend", &fake(0.99, 0.9))]);
+        let supervision = Supervision { clock, deadlines: Deadlines { act_s: 20.0, predict_s: 20.0 }, pace };
+        it.runtime = it.runtime.supervised(supervision).unwrap();
+        let tick = |_| {
+            let decision = it.tick();
+            (decision, it.runtime.joints.clone())
+        };
+        (0..40).map(tick).collect::<Vec<_>>()
+    };
+    for ((simulated, targets), (mut real, same)) in run(Pace::Simulated).into_iter().zip(run(Pace::Real)) {
+        assert!(simulated.timings.is_none() && real.timings.take().is_some());
+        assert_eq!((simulated, targets), (real, same));
+    }
+}

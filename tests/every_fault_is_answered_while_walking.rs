@@ -1,0 +1,196 @@
+//! The table of faults in docs/safety.md, row by row, while the simulated robot walks at 0.6 m/s: the
+//! answer comes within the tick, the record says why, and the robot stays on its feet.
+
+use vocaloco_core::decision::{Decision, Forced};
+use vocaloco_core::manifest::Isolation;
+use vocaloco_core::observation::Observation;
+use vocaloco_core::selector::Reason;
+use vocaloco_tests::Walking;
+
+/// The robot stands by this decision, and says why.
+fn assert_stands(walking: &Walking, decision: &Decision, forced: Forced, why: &str) {
+    assert_eq!((decision.active.as_str(), decision.forced), ("stand", Some(forced)), "{why}: {decision:?}");
+    assert!(walking.stands(), "{why}: {:?}", walking.joints);
+    assert!(decision.events.iter().any(|event| event.contains(why)), "{why}: {:?}", decision.events);
+}
+
+/// It stands for the resume window, then walks on, and never falls.
+fn assert_walks_on(walking: &mut Walking, why: &str) {
+    let ticks = (1..=60).find(|_| walking.tick().active == "walk");
+    assert_eq!(ticks, Some(25), "{why}: a resume window later");
+    for _ in 0..50 {
+        assert_eq!(walking.tick().active, "walk", "{why}");
+    }
+    assert!(walking.is_on_its_feet(), "{why}");
+    assert!(walking.plant.measure().base_linear_velocity[0] > 0.3, "{why}: it walks again");
+}
+
+#[test]
+fn a_plugin_that_fails_or_answers_nonsense() {
+    for (fault, why) in [
+        ("panic", "act panicked: asked for a panic in act"),
+        ("panic_in_reset", "reset panicked: asked for a panic in reset"),
+        ("error", "act: asked for an error"),
+        ("nan", "LH_HFE: position_rad NaN"),
+        ("billion", "LH_HFE: position_rad 1000000000"),
+        ("out_of_range", "LH_HFE: position_rad 50"),
+        ("infinite_gain", "LH_HFE: damping_nms_per_rad inf"),
+        ("negative_stiffness", "LH_HFE: stiffness_nm_per_rad -80"),
+        ("short", "LH_HFE: position_rad NaN"),
+        ("long", "act panicked: index out of bounds: the len is 12 but the index is 12"),
+        ("silent", "LF_HAA: position_rad NaN"),
+    ] {
+        let mut walking = Walking::at_speed(fault, Isolation::None, None);
+        let decision = walking.until_bad_is_called();
+        assert_stands(&walking, &decision, Forced::Fault, why);
+        assert!(decision.events[0].starts_with("skill bad is taken out of service: "), "{decision:?}");
+        assert_eq!(decision.skills[1].reason, Reason::PluginFailed, "{fault}");
+        assert_walks_on(&mut walking, fault);
+    }
+}
+
+#[test]
+fn a_plugin_that_hangs_or_is_slow_in_real_time() {
+    let act_s = 0.7;
+    for fault in ["hang", "slow"] {
+        let mut walking = Walking::at_speed(fault, Isolation::None, Some(act_s));
+        let decision = walking.until_bad_is_called();
+        let late = "skill bad is late: act: found no answer, wanted one within 700.0 ms";
+        assert_stands(&walking, &decision, Forced::Overrun, late);
+        let second = walking.tick();
+        assert_stands(&walking, &second, Forced::Overrun, "skill bad is late: reset: found no answer");
+        let third = walking.tick();
+        let out = "skill bad is taken out of service: reset: found no answer";
+        assert_stands(&walking, &third, Forced::Fault, out);
+        assert_eq!(third.skills[1].reason, Reason::TooSlow, "{fault}");
+        assert_walks_on(&mut walking, fault);
+    }
+}
+
+#[test]
+fn an_isolated_plugin_that_ends_its_process_grows_or_never_returns() {
+    for (fault, why) in [
+        ("segfault", "ended by signal 11"),
+        ("abort", "ended by signal 6"),
+        ("spin", "found no answer for 2 s"),
+        ("nan", "LH_HFE: position_rad NaN"),
+        ("panic", "act panicked: asked for a panic in act"),
+        ("leak", "ended by signal"),
+    ] {
+        let mut walking = Walking::at_speed(fault, Isolation::Process, None);
+        let mut decision = walking.until_bad_is_called();
+        for _ in 0..16 {
+            if fault == "leak" && decision.active == "bad" {
+                decision = walking.tick();
+            }
+        }
+        assert_stands(&walking, &decision, Forced::Fault, why);
+        assert_eq!(decision.skills[1].reason, Reason::PluginFailed, "{fault}");
+        assert_walks_on(&mut walking, fault);
+    }
+}
+
+#[test]
+fn an_isolated_plugin_that_hangs_in_real_time() {
+    let mut walking = Walking::at_speed("spin", Isolation::Process, Some(0.7));
+    let decision = walking.until_bad_is_called();
+    assert_stands(&walking, &decision, Forced::Overrun, "skill bad is late: act: found no answer");
+    walking.tick();
+    assert_eq!(walking.tick().skills[1].reason, Reason::TooSlow);
+    assert_walks_on(&mut walking, "spin");
+}
+
+#[test]
+fn terrain_that_is_missing_stale_small_or_unknown() {
+    type Spoiler = fn(&mut Observation);
+    let spoilers: [(&str, Spoiler); 6] = [
+        ("found nothing", |o| o.elevation = None),
+        ("0.220 s old", |o| o.elevation.as_mut().expect("terrain").t_s = o.t_s - 0.22),
+        ("height_m is 0 heights", |o| o.elevation.as_mut().expect("terrain").height_m.clear()),
+        ("341 of 341 cells unknown", |o| o.elevation.as_mut().expect("terrain").height_m.fill(f32::NAN)),
+        ("cells unknown, at most", |o| {
+            let heights = &mut o.elevation.as_mut().expect("terrain").height_m;
+            let half = heights.len() / 2;
+            heights[..half].fill(f32::NAN);
+        }),
+        ("has no known cell", |o| {
+            // Columns of 5 cm: the field's second one, 0.4 m to the left, and its neighbours.
+            for (index, height) in o.elevation.as_mut().expect("terrain").height_m.iter_mut().enumerate() {
+                if (5..=7).contains(&(index % 29)) {
+                    *height = f32::NAN;
+                }
+            }
+        }),
+    ];
+    for (why, spoil) in spoilers {
+        let mut walking = Walking::at_speed("none", Isolation::None, None);
+        let decision = walking.tick_with(spoil);
+        assert_stands(&walking, &decision, Forced::Terrain, why);
+        assert_eq!(
+            (decision.choice.as_str(), decision.skills[0].reason),
+            ("stop", Reason::NoTerrain),
+            "{why}"
+        );
+        assert_walks_on(&mut walking, why);
+    }
+}
+
+#[test]
+fn a_measurement_that_is_no_number_missing_or_from_the_past() {
+    type Spoiler = fn(&mut Observation);
+    let spoilers: [(&str, Spoiler); 4] = [
+        ("joint_velocity_rad_per_s.RF_HFE: found NaN", |o| o.joint_velocity_rad_per_s[4] = f32::NAN),
+        ("projected_gravity[1]: found inf", |o| o.projected_gravity[1] = f32::INFINITY),
+        ("joint_position_rad: found 11 values", |o| o.joint_position_rad.truncate(11)),
+        ("t_s: found 0, wanted", |o| o.t_s = 0.0),
+    ];
+    for (why, spoil) in spoilers {
+        let mut walking = Walking::at_speed("none", Isolation::None, None);
+        let decision = walking.tick_with(spoil);
+        assert_stands(&walking, &decision, Forced::Observation, why);
+        assert_walks_on(&mut walking, why);
+    }
+}
+
+#[test]
+fn a_prediction_that_is_no_number() {
+    let mut walking = Walking::at_speed("none", Isolation::None, None);
+    walking.walk.set(f32::NAN, 0.5);
+    for _ in 0..2 {
+        let decision = walking.tick();
+        assert_eq!((decision.active.as_str(), decision.skills[0].reason), ("walk", Reason::Unusable));
+    }
+    walking.walk.set(0.99, 0.5);
+    assert_eq!(walking.tick().choice, "walk", "twice is not three times");
+    walking.walk.set(0.99, f32::INFINITY);
+    walking.tick();
+    walking.tick();
+    let third = walking.tick();
+    assert_eq!((third.active.as_str(), third.forced), ("stand", Some(Forced::Fault)), "{third:?}");
+    assert_eq!(third.skills[0].reason, Reason::PredictionsFailed);
+    assert!(walking.stands());
+    for _ in 0..100 {
+        assert_eq!(walking.tick().active, "stand", "no skill is left that is viable");
+    }
+    assert!(walking.is_on_its_feet());
+}
+
+#[test]
+fn a_cost_that_is_not_positive_and_no_viable_skill_at_all() {
+    for (viability, cot, reason) in [
+        (0.99, -0.2, Reason::CotNotPositive),
+        (0.99, 0.0, Reason::CotNotPositive),
+        (0.2, 0.5, Reason::BelowThreshold { threshold: 0.95 }),
+    ] {
+        let mut walking = Walking::at_speed("none", Isolation::None, None);
+        walking.walk.set(viability, cot);
+        let first = walking.tick();
+        assert_eq!((first.choice.as_str(), first.skills[0].reason), ("stop", reason), "in the same tick");
+        let ticks = (2..=60).find(|_| walking.tick().active == "stand");
+        assert_eq!(ticks, Some(10), "{reason}: through the window, like any other choice");
+        assert!(walking.stands());
+        walking.walk.set(0.99, 0.5);
+        assert_eq!((1..=60).find(|_| walking.tick().active == "walk"), Some(25), "{reason}: never taken out");
+        assert!(walking.is_on_its_feet(), "{reason}");
+    }
+}
