@@ -10,7 +10,8 @@ use std::str::FromStr;
 
 use anyhow::Context as _;
 use vocaloco_core::installation::Installation;
-use vocaloco_core::registry::{LoadedDeployment, load_deployment};
+use vocaloco_core::lock::Lock;
+use vocaloco_core::registry::{LoadedDeployment, load_deployment, load_locked};
 
 use super::Shared;
 use crate::exit::Exit;
@@ -34,6 +35,9 @@ pub(crate) struct Args {
     /// Write every decision to this MCAP file; not with replay:FILE
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
+    /// Take only what the deployment's lock has (`vocaloco lock`)
+    #[arg(long)]
+    locked: bool,
     #[cfg(feature = "sim")]
     #[command(flatten)]
     course: course::CourseArgs,
@@ -75,8 +79,18 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
 /// The deployment, each refused skill named on stderr, and those lines.
 fn load(args: &Args) -> anyhow::Result<(LoadedDeployment, Vec<String>)> {
     let installation = Installation::find().context("no installation")?;
-    let loaded = load_deployment(&installation, &args.deployment)
-        .with_context(|| format!("deployment `{}`", args.deployment))?;
+    let name = &args.deployment;
+    let loaded = if args.locked {
+        let lock = Lock::read(&installation, name).context("--locked")?;
+        load_locked(&installation, name, &lock)
+    } else {
+        load_deployment(&installation, name)
+    };
+    let loaded = loaded.with_context(|| format!("deployment `{name}`"))?;
+    anyhow::ensure!(
+        args.locked || loaded.deployment.trusted_keys.is_empty(),
+        "deployment `{name}`: trusted_keys: found a run without --locked, wanted --locked: only a lock is signed"
+    );
     let refused: Vec<String> = loaded.refused.iter().map(ToString::to_string).collect();
     for line in &refused {
         eprintln!("refused: {line}");

@@ -6,6 +6,7 @@ use serde::Deserialize;
 
 use super::reader::Source;
 use super::{Finding, is_snake_case};
+use crate::lock::PublicKey;
 
 /// A checked deployment.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,6 +29,8 @@ pub struct Deployment {
     pub resume_window: usize,
     /// When terrain counts as unknown.
     pub heightfield: HeightfieldLimits,
+    /// Keys of which one must have signed the lock; none demand no signature.
+    pub trusted_keys: Vec<PublicKey>,
 }
 
 /// When terrain counts as unknown.
@@ -53,6 +56,8 @@ struct Raw {
     resume_window: usize,
     #[serde(default)]
     heightfield: RawHeightfield,
+    #[serde(default)]
+    trusted_keys: Vec<String>,
 }
 
 #[derive(Deserialize)]
@@ -83,7 +88,18 @@ impl Deployment {
     /// # Errors
     /// The first thing that is not as the schema wants it.
     pub fn read(path: &Path) -> Result<Self, Finding> {
-        let source = Source::read(path)?;
+        Self::check(path, &Source::read(path)?)
+    }
+
+    /// Checks the text of the manifest `path`, which is only named in findings.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn parse(path: &Path, text: String) -> Result<Self, Finding> {
+        Self::check(path, &Source::new(path, text))
+    }
+
+    fn check(path: &Path, source: &Source<'_>) -> Result<Self, Finding> {
         let raw: Raw = source.parse()?;
         if !is_snake_case(&raw.robot) {
             let found = format!("{:?}", raw.robot);
@@ -99,6 +115,12 @@ impl Deployment {
                 return Err(source.finding(&field, format!("{skill:?}"), wanted));
             }
         }
+        let trusted_keys = raw.trusted_keys.iter().enumerate().map(|(index, text)| {
+            let wanted = "the 64 hex digits of a public key (`vocaloco skills key`)";
+            let refuse = |why| source.finding(&format!("trusted_keys[{index}]"), why, wanted);
+            text.parse::<PublicKey>().map_err(refuse)
+        });
+        let trusted_keys = trusted_keys.collect::<Result<Vec<_>, _>>()?;
         let window = |field: &str, ticks: usize| {
             if (1..=1000).contains(&ticks) {
                 Ok(ticks)
@@ -116,6 +138,7 @@ impl Deployment {
             heightfield: HeightfieldLimits {
                 max_age_s: source.inside("heightfield.max_age_s", raw.heightfield.max_age_s, 0.001..=60.0)?,
             },
+            trusted_keys,
             robot: raw.robot,
             skills: raw.skills,
         })

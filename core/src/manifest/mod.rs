@@ -11,6 +11,7 @@ mod skill;
 pub use deployment::{Deployment, HeightfieldLimits};
 pub use finding::Finding;
 pub use reader::read_bounded;
+pub(crate) use reader::{MAX_BYTES, bytes_of};
 pub use skill::{CommandRange, Models, Rollout, Selection, SkillManifest};
 
 /// The schema number that every manifest carries.

@@ -40,21 +40,24 @@ impl PluginLibrary {
     /// There is none, its file is not whole, it is not of this interface, or it describes itself in a
     /// way that makes no sense.
     pub fn open(search_path: &[PathBuf], name: &str) -> Result<Arc<Self>, PluginError> {
-        let file_name = library_file_name(name);
-        let Some(file) = search_path.iter().map(|folder| folder.join(&file_name)).find(|file| file.is_file())
-        else {
-            let folders: Vec<_> = search_path.iter().map(|folder| folder.display().to_string()).collect();
-            let wanted = format!("that file in {}", folders.join(" or "));
-            return Err(PluginError::NotFound(Finding::new(
-                Path::new(&file_name),
-                "plugin",
-                "no such file",
-                wanted,
-            )));
-        };
+        Self::open_if(search_path, name, &|_, _| Ok(()))
+    }
+
+    /// As [`open`](Self::open), with `admit` asked about the file and the bytes read from it before any
+    /// of them runs.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open), and when `admit` refuses.
+    pub fn open_if(
+        search_path: &[PathBuf],
+        name: &str,
+        admit: &dyn Fn(&Path, &[u8]) -> Result<(), Finding>,
+    ) -> Result<Arc<Self>, PluginError> {
+        let file = Self::find(search_path, name)?;
         let bytes = std::fs::read(&file).map_err(|error| {
             PluginError::NotFound(Finding::new(&file, "plugin", error, "a readable file"))
         })?;
+        admit(&file, &bytes).map_err(PluginError::Unlocked)?;
         let digest: [u8; 32] = Sha256::digest(&bytes).into();
         let library = {
             // Held while loading: two threads must not load the same bytes twice.
@@ -68,6 +71,26 @@ impl PluginLibrary {
             return Err(PluginError::Description(Finding::new(&file, "name", found, wanted)));
         }
         Ok(library)
+    }
+
+    /// The library of the plugin `name` in the first folder of `search_path` that holds it.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn find(search_path: &[PathBuf], name: &str) -> Result<PathBuf, PluginError> {
+        let file_name = library_file_name(name);
+        let Some(file) = search_path.iter().map(|folder| folder.join(&file_name)).find(|file| file.is_file())
+        else {
+            let folders: Vec<_> = search_path.iter().map(|folder| folder.display().to_string()).collect();
+            let wanted = format!("that file in {}", folders.join(" or "));
+            return Err(PluginError::NotFound(Finding::new(
+                Path::new(&file_name),
+                "plugin",
+                "no such file",
+                wanted,
+            )));
+        };
+        Ok(file)
     }
 
     fn load(file: &Path, bytes: &[u8], digest: &[u8; 32]) -> Result<Self, PluginError> {
