@@ -7,6 +7,7 @@ use serde::Deserialize;
 use super::reader::Source;
 use super::{Finding, is_snake_case};
 use crate::lock::PublicKey;
+use crate::runtime::Switching;
 
 /// A checked deployment.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +30,8 @@ pub struct Deployment {
     pub resume_window: usize,
     /// When terrain counts as unknown.
     pub heightfield: HeightfieldLimits,
+    /// How targets go over from one skill to the next.
+    pub switching: Switching,
     /// Keys of which one must have signed the lock; none demand no signature.
     pub trusted_keys: Vec<PublicKey>,
 }
@@ -57,7 +60,16 @@ struct Raw {
     #[serde(default)]
     heightfield: RawHeightfield,
     #[serde(default)]
+    switching: RawSwitching,
+    #[serde(default)]
     trusted_keys: Vec<String>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct RawSwitching {
+    ramp_s: f64,
+    mixing: bool,
 }
 
 #[derive(Deserialize)]
@@ -137,6 +149,10 @@ impl Deployment {
             resume_window: window("resume_window", raw.resume_window)?,
             heightfield: HeightfieldLimits {
                 max_age_s: source.inside("heightfield.max_age_s", raw.heightfield.max_age_s, 0.001..=60.0)?,
+            },
+            switching: Switching {
+                ramp_s: source.inside("switching.ramp_s", raw.switching.ramp_s, 0.0..=1.0)?,
+                mixing: raw.switching.mixing,
             },
             trusted_keys,
             robot: raw.robot,

@@ -44,6 +44,8 @@ impl File {
         if text.contains("<include") {
             return Err(RobotError::field(path, "include", "another file", "the whole robot in this one"));
         }
+        super::nesting::check(&text)
+            .map_err(|(found, wanted)| RobotError::field(path, "file", found, wanted))?;
         let folder = path.parent().unwrap_or(Path::new("."));
         let model =
             mjcf_rs::Model::from_str(&text, folder).map_err(|error| RobotError::malformed(path, &error))?;

@@ -7,6 +7,7 @@
 mod drive;
 mod error;
 mod mjcf;
+mod nesting;
 mod settings;
 mod shape;
 mod tree;

@@ -40,8 +40,10 @@ impl Runtime {
     /// Targets from whoever drives; a skill that fails is retired and the stand takes over.
     pub(super) fn drive(&mut self, observation: &Observation) {
         if let Active::Skill(skill) = self.filter.active() {
-            match self.act(skill, observation) {
+            let takes_over = self.drives != Some(Active::Skill(skill));
+            match self.act(skill, observation, takes_over) {
                 Ok(()) => {
+                    self.hand_over(skill, observation);
                     std::mem::swap(&mut self.joints, &mut self.candidate);
                     self.drives = Some(Active::Skill(skill));
                     return;
@@ -74,8 +76,8 @@ impl Runtime {
         self.stand.step(1.0 / self.config.rate_hz, sensed, &mut self.joints);
     }
 
-    /// Targets of one skill into `candidate`, reset first if it did not drive before.
-    fn act(&mut self, index: usize, observation: &Observation) -> Result<(), String> {
+    /// Targets of one skill into `candidate`, `reset` first if it did not drive before.
+    pub(super) fn act(&mut self, index: usize, observation: &Observation, reset: bool) -> Result<(), String> {
         let skill = &mut self.skills[index];
         self.contacts.clear();
         let contacts = observation.foot_contact.iter().flatten();
@@ -99,7 +101,7 @@ impl Runtime {
             foot_contact: self.contacts.as_slice().into(),
             terrain_m: self.terrain_m.as_slice().into(),
         };
-        if self.drives != Some(Active::Skill(index)) {
+        if reset {
             skill.controller.reset(&state).map_err(|error| format!("reset: {error}"))?;
         }
         // A controller that leaves a target out must not drive with what stood there before.

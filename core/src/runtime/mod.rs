@@ -6,6 +6,7 @@
 mod drive;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod handover;
 mod perceive;
 mod skill;
 #[cfg(test)]
@@ -17,6 +18,8 @@ use std::time::Duration;
 use thiserror::Error;
 use vocaloco_plugin_api::{CommandKind, JointTarget};
 
+use handover::Handover;
+pub use handover::Switching;
 use skill::Limits;
 pub use skill::{Controller, Networks, Predict, Skill};
 
@@ -89,6 +92,8 @@ pub struct Runtime {
     filter: SwitchFilter,
     stand: Stand,
     clock: Option<fn() -> Duration>,
+    handover: Handover,
+    mixing: bool,
     /// Who made the targets in `joints`; none before the first usable observation.
     drives: Option<Active>,
     last_t_s: Option<f64>,
@@ -122,7 +127,7 @@ impl Runtime {
             };
             skills.push(Skill { rule, needs, controller, predictors: Box::new(Networks { viability, cot }) });
         }
-        Ok(Self::from_skills(config, loaded.robot, skills))
+        Ok(Self::from_skills(config, loaded.robot, skills).with_switching(loaded.deployment.switching))
     }
 
     /// A runtime of any skills: what predicts and what drives need not come from files.
@@ -155,6 +160,8 @@ impl Runtime {
             config,
             robot,
             clock: None,
+            handover: Handover::default(),
+            mixing: false,
             drives: None,
             last_t_s: None,
             ticks: 0,
@@ -174,6 +181,7 @@ impl Runtime {
     pub fn restart(&mut self) {
         self.selector.restart();
         self.filter = SwitchFilter::new(self.config.windows);
+        self.handover.end();
         self.drives = None;
         self.last_t_s = None;
         self.ticks = 0;
