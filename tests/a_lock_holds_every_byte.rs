@@ -116,8 +116,8 @@ fn a_skill_that_the_lock_does_not_have_is_refused() {
     let fixture = installation();
     let lock = locked(&fixture, None);
     let text = fs::read_to_string(lock.file()).expect("the lock");
-    let without: String =
-        text.lines().filter(|line| !line.contains("second.toml")).map(|line| format!("{line}\n")).collect();
+    let kept: Vec<&str> = text.lines().filter(|line| !line.contains("second.toml")).collect();
+    let without = kept.join("\n");
     assert_ne!(text, without);
     fs::write(lock.file(), without).expect("written");
     let line = load(&fixture).expect("one is left").refused[0].to_string();

@@ -12,7 +12,7 @@ use super::{LOCK, MAX_BUNDLE_BYTES, SIGNATURE, failed, unpack, unsound};
 use crate::installation::Installation;
 use crate::lock::{SecretKey, sha256_hex};
 use crate::manifest::{Finding, SkillManifest, bytes_of, is_snake_case};
-use crate::plugin::{PluginLibrary, library_file_name};
+use crate::plugin::{PluginError, PluginLibrary, library_file_name};
 
 /// A bundle that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -75,7 +75,7 @@ fn files_of(installation: &Installation, name: &str) -> Result<BTreeMap<String, 
     let manifest = SkillManifest::read(&manifest_file)?;
     let folder = installation.skill_folder(name);
     let library = PluginLibrary::find(&installation.plugin_path_of(name), &manifest.plugin)
-        .map_err(|error| error.into_finding())?;
+        .map_err(PluginError::into_finding)?;
     let models = &manifest.models;
     let named =
         [models.policy.as_ref(), models.parameters.as_ref(), Some(&models.viability), Some(&models.cot)];

@@ -15,6 +15,9 @@ use super::{PluginError, PluginInstance, description, image};
 use crate::manifest::Finding;
 use crate::policy::PolicyNetwork;
 
+/// Whether a library, by its file and the bytes read from it, may be loaded.
+pub type Admit<'a> = &'a dyn Fn(&Path, &[u8]) -> Result<(), Finding>;
+
 /// A loaded plugin. It stays loaded until the process ends.
 pub struct PluginLibrary {
     file: PathBuf,
@@ -48,11 +51,7 @@ impl PluginLibrary {
     ///
     /// # Errors
     /// As [`open`](Self::open), and when `admit` refuses.
-    pub fn open_if(
-        search_path: &[PathBuf],
-        name: &str,
-        admit: &dyn Fn(&Path, &[u8]) -> Result<(), Finding>,
-    ) -> Result<Arc<Self>, PluginError> {
+    pub fn open_if(search_path: &[PathBuf], name: &str, admit: Admit<'_>) -> Result<Arc<Self>, PluginError> {
         let file = Self::find(search_path, name)?;
         let bytes = std::fs::read(&file).map_err(|error| {
             PluginError::NotFound(Finding::new(&file, "plugin", error, "a readable file"))

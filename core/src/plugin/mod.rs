@@ -15,4 +15,4 @@ mod library;
 
 pub use error::PluginError;
 pub use instance::PluginInstance;
-pub use library::{PluginLibrary, library_file_name};
+pub use library::{Admit, PluginLibrary, library_file_name};

@@ -44,10 +44,9 @@ fn end_of(tag: &str) -> usize {
     for (at, letter) in tag.char_indices() {
         match quote {
             Some(open) if letter == open => quote = None,
-            Some(_) => {}
             None if letter == '>' => return at,
             None if letter == '"' || letter == '\'' => quote = Some(letter),
-            None => {}
+            _ => {}
         }
     }
     tag.len()
