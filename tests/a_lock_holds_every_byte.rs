@@ -222,3 +222,50 @@ fn what_is_read_is_what_is_locked() {
     wanted.sort();
     assert_eq!(names, wanted);
 }
+
+/// Exit code and narration of a verb in this installation, with nothing on stdin.
+fn vocaloco(fixture: &Fixture, arguments: &[&str]) -> (Option<i32>, String) {
+    let program = plugin_folder().join(format!("vocaloco{}", std::env::consts::EXE_SUFFIX));
+    let output = std::process::Command::new(program)
+        .args(arguments)
+        .env("VOCALOCO_ROOT", fixture.root())
+        .env("VOCALOCO_PLUGIN_PATH", fixture.root().join("plugins"))
+        .stdin(std::process::Stdio::null())
+        .output()
+        .expect("it starts");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn the_command_line_locks_signs_and_refuses() {
+    let fixture = installation();
+    let run = ["run", "--deployment", "two", "--source", "stdio", "--locked"];
+    let (code, said) = vocaloco(&fixture, &run);
+    assert!(code == Some(2) && said.contains("vocaloco lock --deployment two"), "{said}");
+
+    let secret = fixture.root().join("robot.key");
+    let secret = secret.to_str().expect("a plain path");
+    let (code, said) = vocaloco(&fixture, &["skills", "key", secret]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = vocaloco(&fixture, &["skills", "key", secret]);
+    assert_eq!(code, Some(2), "a key is not written over: {said}");
+    let public = SecretKey::read(secret.as_ref()).expect("a key").public();
+    fixture.alter(DEPLOYMENT, "schema = 1", &format!("schema = 1\ntrusted_keys = [\"{public}\"]"));
+    let (code, said) = vocaloco(&fixture, &["lock", "--deployment", "two"]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = vocaloco(&fixture, &run);
+    assert!(code == Some(2) && said.contains("signature: found nothing"), "{said}");
+    let (code, said) = vocaloco(&fixture, &["lock", "--deployment", "two", "--key", secret]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = vocaloco(&fixture, &run);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = vocaloco(&fixture, &run[..5]);
+    assert!(code == Some(2) && said.contains("wanted --locked"), "{said}");
+
+    flip(&fixture, "skills/second/cot.onnx");
+    let (code, said) = vocaloco(&fixture, &run);
+    assert!(code == Some(0) && said.contains("refused: skill second is refused"), "{said}");
+    flip(&fixture, "manifests/robots/anymal_d.toml");
+    let (code, said) = vocaloco(&fixture, &run);
+    assert_eq!(code, Some(2), "{said}");
+}

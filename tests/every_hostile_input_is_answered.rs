@@ -1,6 +1,6 @@
 //! Whatever is fed to a door that takes bytes from outside, it answers: with what it read or with an
 //! error. The corpora under `tests/fuzz/corpus`, the shipped files, inputs made to hurt, and thousands of
-//! fixed mutations of all of them.
+//! fixed mutations of all of them; `VOCALOCO_MUTATIONS=100` tries a hundred times as many.
 
 #[path = "fuzz/targets.rs"]
 mod targets;
@@ -149,7 +149,8 @@ fn answered(name: &str, mutations: usize) {
     }
     let small: Vec<&Vec<u8>> = seeds.iter().filter(|seed| seed.len() <= MUTATED_BYTES).collect();
     let mut numbers = Numbers(7);
-    for number in 0..mutations {
+    let times = std::env::var("VOCALOCO_MUTATIONS").ok().and_then(|times| times.parse().ok()).unwrap_or(1);
+    for number in 0..mutations * times {
         let input = mutate(small[numbers.below(small.len())], &mut numbers);
         let outcome = std::panic::catch_unwind(|| target(&input));
         assert!(outcome.is_ok(), "{name}: mutation {number}: {}", input.escape_ascii());
