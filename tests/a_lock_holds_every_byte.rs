@@ -259,6 +259,10 @@ fn the_command_line_locks_signs_and_refuses() {
     assert_eq!(code, Some(0), "{said}");
     let (code, said) = vocaloco(&fixture, &run);
     assert_eq!(code, Some(0), "{said}");
+    let trusting = |key: &str| vocaloco(&fixture, &[&run[..], &["--trust", key]].concat());
+    assert_eq!(trusting(&public.to_string()).0, Some(0));
+    let (code, said) = trusting(&key().public().to_string());
+    assert!(code == Some(2) && said.contains("which is not listed"), "{said}");
     let (code, said) = vocaloco(&fixture, &run[..5]);
     assert!(code == Some(2) && said.contains("wanted --locked"), "{said}");
 

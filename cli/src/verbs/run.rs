@@ -10,7 +10,7 @@ use std::str::FromStr;
 
 use anyhow::Context as _;
 use vocaloco_core::installation::Installation;
-use vocaloco_core::lock::Lock;
+use vocaloco_core::lock::{Lock, PublicKey};
 use vocaloco_core::registry::{LoadedDeployment, load_deployment, load_locked};
 
 use super::Shared;
@@ -38,6 +38,10 @@ pub(crate) struct Args {
     /// Take only what the deployment's lock has (`vocaloco lock`)
     #[arg(long)]
     locked: bool,
+    /// Take only a lock that this public key has signed, whatever the deployment trusts; may be given more
+    /// than once
+    #[arg(long, value_name = "KEY", requires = "locked")]
+    trust: Vec<PublicKey>,
     #[cfg(feature = "sim")]
     #[command(flatten)]
     course: course::CourseArgs,
@@ -82,6 +86,7 @@ fn load(args: &Args) -> anyhow::Result<(LoadedDeployment, Vec<String>)> {
     let name = &args.deployment;
     let loaded = if args.locked {
         let lock = Lock::read(&installation, name).context("--locked")?;
+        lock.check_signature(&args.trust).context("--trust")?;
         load_locked(&installation, name, &lock)
     } else {
         load_deployment(&installation, name)
