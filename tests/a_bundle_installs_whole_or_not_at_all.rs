@@ -358,6 +358,17 @@ fn a_signature_by_a_trusted_key_is_taken_and_any_other_refused() {
 }
 
 #[test]
+fn a_skill_that_this_host_could_not_load_any_more_is_still_removed() {
+    let (_folder, bundle) = packed(None);
+    let (fixture, installation) = bare();
+    install(&installation, &bundle, &[]).expect("installed");
+    fixture.alter("skills/hold/bundle.lock", "interface = ", "interface = 9");
+    remove(&installation, "hold").expect("removed");
+    assert!(!fixture.root().join("skills/hold").exists());
+    assert!(!fixture.root().join("manifests/skills/hold.toml").exists());
+}
+
+#[test]
 fn only_what_a_bundle_has_brought_is_removed() {
     let (fixture, installation) = bare();
     fixture.add_skill("own", "none", 0.97, 0.3);

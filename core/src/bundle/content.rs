@@ -41,12 +41,6 @@ impl Content {
         if !is_snake_case(&content.skill) {
             return finding("skill", format!("{:?}", content.skill), "a skill's name in snake_case".into());
         }
-        if content.platform != platform() {
-            return finding("platform", format!("{:?}", content.platform), format!("{:?}", platform()));
-        }
-        if content.interface != INTERFACE_VERSION {
-            return finding("interface", content.interface.to_string(), INTERFACE_VERSION.to_string());
-        }
         if content.files.len() > MAX_FILES {
             return finding("files", content.files.len().to_string(), format!("at most {MAX_FILES}"));
         }
@@ -58,6 +52,18 @@ impl Content {
             return finding("files", format!("no {manifest}"), "the skill's manifest".into());
         }
         Ok(content)
+    }
+
+    /// Whether this host can load the plugin.
+    pub(super) fn check_host(&self, file: &Path) -> Result<(), Finding> {
+        if self.platform != platform() {
+            let (found, wanted) = (format!("{:?}", self.platform), format!("{:?}", platform()));
+            return Err(Finding::new(file, "platform", found, wanted));
+        }
+        if self.interface != INTERFACE_VERSION {
+            return Err(Finding::new(file, "interface", self.interface, INTERFACE_VERSION));
+        }
+        Ok(())
     }
 
     /// Path of the manifest below a root.

@@ -61,6 +61,7 @@ pub fn unpack(file: &Path, bytes: &[u8]) -> Result<Bundle, Finding> {
         return Err(Finding::new(file, "entry", format!("{:?}", shortened(&path)), wanted));
     };
     let content = Content::parse(file, &lock)?;
+    content.check_host(file)?;
     let (mut signature, mut files) = (None, BTreeMap::new());
     for entry in entries {
         let (path, bytes) = reader.entry(entry.map_err(damaged)?)?;
