@@ -36,8 +36,14 @@ struct Stop {
 }
 
 /// Drives `skill` until the base has come to `stop_x_m` and `phase` ticks more, then finds it
-/// unviable and lets two seconds go by.
-fn stop(skill: &str, course: (CourseKind, f32), stop_x_m: f32, phase: usize) -> Stop {
+/// unviable and lets two seconds go by; then two more after each of `pushes`, changes of the base's
+/// velocity in the world, m/s.
+fn stop(
+    skill: &str,
+    course: (CourseKind, f32),
+    (stop_x_m, phase): (f32, usize),
+    pushes: &[[f32; 3]],
+) -> Stop {
     let installation = shipped();
     let robot = Arc::new(RobotModel::load(&installation.robots_folder(), "anymal_d").expect("the robot"));
     let loaded =
@@ -70,10 +76,15 @@ fn stop(skill: &str, course: (CourseKind, f32), stop_x_m: f32, phase: usize) -> 
     }
     viable.store(false, Ordering::Relaxed);
     let mut touched = false;
-    for _ in 0..100 {
-        let tick = pilot.tick(&command(&pilot)).expect("a tick");
-        assert_eq!(tick.active, "stand");
-        touched |= tick.base_contact;
+    for push in std::iter::once(None).chain(pushes.iter().map(Some)) {
+        if let Some(&push) = push {
+            pilot.push(push);
+        }
+        for _ in 0..100 {
+            let tick = pilot.tick(&command(&pilot)).expect("a tick");
+            assert_eq!(tick.active, "stand");
+            touched |= tick.base_contact;
+        }
     }
     let measured = pilot.plant().measure();
     let speed = measured.base_linear_velocity.iter().map(|v| v * v).sum::<f32>().sqrt();
@@ -83,7 +94,7 @@ fn stop(skill: &str, course: (CourseKind, f32), stop_x_m: f32, phase: usize) -> 
 /// Stops in twelve phases of a gait of about 24 ticks: all of them come to a stand, or all but one.
 fn every_phase(skill: &str, course: (CourseKind, f32), stop_x_m: f32, least_upright: f32) {
     let stops: Vec<_> =
-        (0..24).step_by(2).map(|phase| (phase, stop(skill, course, stop_x_m, phase))).collect();
+        (0..24).step_by(2).map(|phase| (phase, stop(skill, course, (stop_x_m, phase), &[]))).collect();
     let falls: Vec<_> = stops
         .iter()
         .filter(|(_, stop)| stop.touched || stop.upright < least_upright || stop.speed_m_per_s > 0.15)
@@ -104,4 +115,23 @@ fn half_way_up_stairs_of_15_cm() {
 #[test]
 fn half_way_down_stairs_of_15_cm() {
     every_phase("descend", (CourseKind::StairsDown, 0.15), 3.5, 0.8);
+}
+
+#[test]
+fn a_stopped_robot_holds_a_push_of_half_a_metre_per_second_from_every_side() {
+    for (skill, course, stop_x_m, least_upright) in [
+        ("walk", (CourseKind::StairsUp, 0.12), 1.6, 0.97),
+        ("ascend", (CourseKind::StairsUp, 0.15), 3.3, 0.8),
+        ("descend", (CourseKind::StairsDown, 0.15), 3.5, 0.8),
+    ] {
+        let mut falls = Vec::new();
+        for side in 0..8 {
+            let (sin, cos) = (side as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
+            let stop = stop(skill, course, (stop_x_m, 6), &[[0.5 * cos, 0.5 * sin, 0.0]]);
+            if stop.touched || stop.upright < least_upright || stop.speed_m_per_s > 0.15 {
+                falls.push((45 * side, stop));
+            }
+        }
+        assert!(falls.is_empty(), "{skill} fell to a push towards, in degrees: {falls:?}");
+    }
 }

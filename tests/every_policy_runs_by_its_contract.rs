@@ -338,7 +338,7 @@ fn a_policy_lacks_neither_its_contract_nor_its_network() {
     fixture.write(MANIFEST, without.as_bytes());
     refused(&fixture, &[MANIFEST, "contract: found nothing"]);
     altered("policy = \"policy.onnx\"\n", "", &[MANIFEST, "models.policy: found nothing", "plugin onnx"]);
-    altered("\"policy.onnx\"", "\"absent.onnx\"", &["skills/net/absent.onnx", "a readable model file"]);
+    altered("\"policy.onnx\"", "\"absent.onnx\"", &["skills/net/absent.onnx", "a readable file of at most"]);
     altered("[models]", "[models]\nparameters = \"a.toml\"", &[MANIFEST, "models.parameters", "a.toml"]);
 }
 

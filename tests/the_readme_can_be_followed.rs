@@ -8,7 +8,8 @@ use std::sync::LazyLock;
 
 use vocaloco_tests::repository;
 
-const DOCUMENTS: [&str; 3] = ["README.md", "docs/reproduce.md", "docs/method.md"];
+const DOCUMENTS: [&str; 5] =
+    ["README.md", "docs/reproduce.md", "docs/method.md", "docs/locks.md", "docs/switching.md"];
 
 /// Lines of the code blocks of one language.
 fn blocks(text: &str, language: &str) -> Vec<String> {

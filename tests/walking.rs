@@ -72,7 +72,9 @@ impl Walking {
         let loaded = loaded.expect("the shipped walk");
         let library = match isolation {
             Isolation::None => PluginLibrary::open(&installation.plugin_path, "faulty"),
-            Isolation::Process => PluginLibrary::open_isolated(&installation.plugin_path, "faulty"),
+            Isolation::Process => {
+                PluginLibrary::open_isolated(&installation.plugin_path, "faulty", &|_, _| Ok(()))
+            }
         };
         let bad = library.and_then(|library| library.create(fault, &robot.description));
         let [walk_says, bad_says] = [(0.99, 0.5), (0.1, 0.1)].map(|says| Says(Arc::new(Mutex::new(says))));

@@ -49,6 +49,11 @@ impl Installation {
         self.root.join("skills").join(name)
     }
 
+    /// Folders searched for a skill's plugin, in order: its own, where a bundle puts it, then the rest.
+    pub fn plugin_path_of(&self, skill: &str) -> Vec<PathBuf> {
+        std::iter::once(self.skill_folder(skill)).chain(self.plugin_path.iter().cloned()).collect()
+    }
+
     /// The manifest of a deployment.
     pub fn deployment_file(&self, name: &str) -> PathBuf {
         self.root.join(format!("manifests/deployments/{name}.toml"))

@@ -1,11 +1,13 @@
 //! Everything of VOCALoco that runs on the robot: from an elevation map to the joint targets of the
 //! chosen skill. Knows no physics engine, no training and no particular skill.
 
+pub mod bundle;
 pub mod decision;
 pub mod decision_log;
 pub mod elevation;
 pub mod heightfield;
 pub mod installation;
+pub mod lock;
 pub mod manifest;
 pub mod observation;
 pub mod plugin;

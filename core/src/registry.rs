@@ -10,10 +10,11 @@ use std::sync::Arc;
 use vocaloco_plugin_api::{CommandKind, Description, Needs, RobotDescription};
 
 use crate::installation::Installation;
-use crate::manifest::{Deployment, Finding, Isolation, SkillManifest, is_snake_case, read_bounded};
+use crate::lock::{Intake, Lock};
+use crate::manifest::{Deployment, Finding, Isolation, MAX_BYTES, SkillManifest, is_snake_case};
 use crate::plugin::{PluginError, PluginInstance, PluginLibrary, repeats};
-use crate::policy::PolicyNetwork;
-use crate::predictor::{ModelError, Predictor, Quantity};
+use crate::policy::{MAX_POLICY_BYTES, PolicyNetwork};
+use crate::predictor::{MAX_MODEL_BYTES, ModelError, Predictor, Quantity};
 use crate::robot::{RobotError, RobotModel};
 
 /// Parameter files are tens of lines; a network's weights do not belong there.
@@ -90,6 +91,12 @@ pub enum LoadError {
     /// Its robot is not sound.
     #[error("{0}")]
     Robot(#[from] RobotError),
+    /// Its lock is missing, lacks a signature that is demanded, or cannot be made.
+    #[error("{0}")]
+    Lock(Finding),
+    /// A skill is not sound, so nothing is locked.
+    #[error("{0}")]
+    Unsound(Refusal),
     /// Every skill was refused.
     #[error("deployment {deployment}: found no sound skill, wanted at least one: {}", lines(.refused))]
     NoSkillLeft {
@@ -109,11 +116,56 @@ fn lines(refused: &[Refusal]) -> String {
 /// # Errors
 /// The deployment or its robot is not sound, or no skill is.
 pub fn load_deployment(installation: &Installation, name: &str) -> Result<LoadedDeployment, LoadError> {
-    let deployment = read_deployment(installation, name).map_err(LoadError::Deployment)?;
-    let robot = Arc::new(RobotModel::load(&installation.robots_folder(), &deployment.robot)?);
+    load(installation, name, &Intake::open(&installation.root), |_| Ok(()))
+}
+
+/// As [`load_deployment`], taking no byte but those of `lock`, which one of the deployment's trusted
+/// keys has signed where it names any.
+///
+/// # Errors
+/// As [`load_deployment`]; the deployment, its robot or the signature is not as locked. A skill that
+/// is not is refused alone.
+pub fn load_locked(
+    installation: &Installation,
+    name: &str,
+    lock: &Lock,
+) -> Result<LoadedDeployment, LoadError> {
+    load(installation, name, &Intake::locked(&installation.root, lock), |deployment| {
+        let signed = lock.check_signature(&deployment.trusted_keys);
+        signed.map_err(|finding| LoadError::Lock(finding.relative_to(&installation.root)))
+    })
+}
+
+/// The lock of a deployment as it is now.
+///
+/// # Errors
+/// As [`load_deployment`], and when one of its skills is not sound.
+pub fn lock_deployment(installation: &Installation, name: &str) -> Result<Lock, LoadError> {
+    let intake = Intake::recording(&installation.root);
+    let mut loaded = load(installation, name, &intake, |_| Ok(()))?;
+    if !loaded.refused.is_empty() {
+        return Err(LoadError::Unsound(loaded.refused.swap_remove(0)));
+    }
+    Lock::of(installation, name, intake.into_record()).map_err(LoadError::Lock)
+}
+
+fn load(
+    installation: &Installation,
+    name: &str,
+    intake: &Intake<'_>,
+    admit: impl FnOnce(&Deployment) -> Result<(), LoadError>,
+) -> Result<LoadedDeployment, LoadError> {
+    let deployment = deployment_through(installation, name, intake).map_err(LoadError::Deployment)?;
+    admit(&deployment)?;
+    let read = |path: &Path| {
+        let bytes = intake.bytes(path, MAX_BYTES, path, "file");
+        bytes.map_err(|finding| RobotError::Refused(finding.relative_to(&installation.root)))
+    };
+    let robot = Arc::new(RobotModel::load_by(&installation.robots_folder(), &deployment.robot, &read)?);
     let (mut skills, mut refused) = (Vec::new(), Vec::new());
     for skill in &deployment.skills {
-        let loaded = load_skill(installation, skill, &robot.description, ModelPolicy::Required)
+        let loaded = examine(installation, skill, &robot.description, ModelPolicy::Required, intake)
+            .map_err(|findings| first(installation, skill, findings))
             .and_then(|loaded| fits_rate(installation, &deployment, loaded));
         match loaded {
             Ok(loaded) => skills.push(loaded),
@@ -131,9 +183,18 @@ pub fn load_deployment(installation: &Installation, name: &str) -> Result<Loaded
 /// # Errors
 /// There is none of that name, or it is not sound.
 pub fn read_deployment(installation: &Installation, name: &str) -> Result<Deployment, Finding> {
+    deployment_through(installation, name, &Intake::open(&installation.root))
+}
+
+fn deployment_through(
+    installation: &Installation,
+    name: &str,
+    intake: &Intake<'_>,
+) -> Result<Deployment, Finding> {
     let file = installation.deployment_file(name);
     named(&file, name, "deployment")
-        .and_then(|()| Deployment::read(&file))
+        .and_then(|()| intake.text(&file, MAX_BYTES, &file, "file"))
+        .and_then(|text| Deployment::parse(&file, text))
         .map_err(|finding| finding.relative_to(&installation.root))
 }
 
@@ -147,10 +208,13 @@ pub fn load_skill(
     robot: &RobotDescription,
     models: ModelPolicy,
 ) -> Result<LoadedSkill, Refusal> {
-    examine(installation, name, robot, models).map_err(|mut findings| Refusal {
-        skill: name.to_owned(),
-        finding: findings.swap_remove(0).relative_to(&installation.root),
-    })
+    examine(installation, name, robot, models, &Intake::open(&installation.root))
+        .map_err(|findings| first(installation, name, findings))
+}
+
+fn first(installation: &Installation, skill: &str, mut findings: Vec<Finding>) -> Refusal {
+    let finding = findings.swap_remove(0).relative_to(&installation.root);
+    Refusal { skill: skill.to_owned(), finding }
 }
 
 /// All that is wrong with a skill; nothing when it is sound. A sound one is also driven for a moment, to
@@ -161,7 +225,7 @@ pub fn check_skill(
     robot: &RobotDescription,
     models: ModelPolicy,
 ) -> Vec<Finding> {
-    let findings = match examine(installation, name, robot, models) {
+    let findings = match examine(installation, name, robot, models, &Intake::open(&installation.root)) {
         Err(findings) => findings,
         Ok(loaded) => repeats(&loaded, robot).err().into_iter().collect(),
     };
@@ -200,10 +264,13 @@ fn examine(
     name: &str,
     robot: &RobotDescription,
     policy: ModelPolicy,
+    intake: &Intake<'_>,
 ) -> Result<LoadedSkill, Vec<Finding>> {
     let file = installation.skill_file(name);
-    named(&file, name, "skill").map_err(|finding| vec![finding])?;
-    let manifest = SkillManifest::read(&file).map_err(|finding| vec![finding])?;
+    let manifest = named(&file, name, "skill")
+        .and_then(|()| intake.text(&file, MAX_BYTES, &file, "file"))
+        .and_then(|text| SkillManifest::parse(&file, text))
+        .map_err(|finding| vec![finding])?;
     let folder = installation.skill_folder(name);
     let misfits_on_robot = manifest.contract.iter().flat_map(|contract| contract.misfits(robot));
     let mut findings: Vec<Finding> = misfits_on_robot
@@ -211,24 +278,30 @@ fn examine(
         .collect();
     findings.extend(unsupported(&manifest));
     let parameters = match (&manifest.models.parameters, &manifest.contract) {
-        (Some(path), _) => read_bounded(&folder.join(path), MAX_PARAMETER_BYTES, &file, "models.parameters"),
+        (Some(path), _) => intake.text(&folder.join(path), MAX_PARAMETER_BYTES, &file, "models.parameters"),
         (None, Some(contract)) if manifest.models.policy.is_some() => toml::to_string(contract)
             .map_err(|error| Finding::new(&file, "contract", error, "a contract that can be written out")),
         (None, _) => Ok(String::new()),
     };
-    let network = manifest.models.policy.as_ref().map(|path| PolicyNetwork::load(&folder.join(path)));
-    let network = network.transpose().map_err(|ModelError(finding)| finding);
+    let network = manifest.models.policy.as_ref().map(|path| {
+        let path = folder.join(path);
+        let bytes = intake.bytes(&path, MAX_POLICY_BYTES, &path, "file")?;
+        PolicyNetwork::from_bytes(&bytes, &path).map_err(|ModelError(finding)| finding)
+    });
+    let network = network.transpose();
     let open = match manifest.isolation {
-        Isolation::None => PluginLibrary::open,
+        Isolation::None => PluginLibrary::open_if,
         Isolation::Process => PluginLibrary::open_isolated,
     };
-    let library = open(&installation.plugin_path, &manifest.plugin).map_err(|error| match error {
-        PluginError::NotFound(missing) if missing.field == "plugin" => {
-            let found = format!("{:?}, no {}", manifest.plugin, missing.file.display());
-            Finding::new(&file, "plugin", found, missing.wanted)
-        }
-        error => error.into_finding(),
-    });
+    let admit = |library: &Path, bytes: &[u8]| intake.plugin(name, library, bytes);
+    let library =
+        open(&installation.plugin_path_of(name), &manifest.plugin, &admit).map_err(|error| match error {
+            PluginError::NotFound(missing) if missing.field == "plugin" => {
+                let found = format!("{:?}, no {}", manifest.plugin, missing.file.display());
+                Finding::new(&file, "plugin", found, missing.wanted)
+            }
+            error => error.into_finding(),
+        });
     if let Ok(library) = &library {
         findings.extend(misfits(&manifest, library.description()));
         findings.extend(policy_misfits(&manifest, library.description()));
@@ -248,7 +321,10 @@ fn examine(
     let predictor = |field: &str, path: &Path, quantity: Quantity| {
         let path = folder.join(path);
         match (path.is_file(), policy) {
-            (true, _) => Predictor::load(&path, quantity).map(Some).map_err(|ModelError(finding)| finding),
+            (true, _) => intake.bytes(&path, MAX_MODEL_BYTES, &path, "file").and_then(|bytes| {
+                let predictor = Predictor::from_bytes(&bytes, &path, quantity);
+                predictor.map(Some).map_err(|ModelError(finding)| finding)
+            }),
             (false, ModelPolicy::Optional) => Ok(None),
             (false, ModelPolicy::Required) => {
                 let inside = path.strip_prefix(&installation.root).unwrap_or(&path);

@@ -4,6 +4,7 @@ mod calibration;
 mod calibration_page;
 mod handover;
 mod success;
+mod switches;
 mod transfer;
 mod viability;
 
@@ -25,6 +26,8 @@ enum Experiment {
     Calibration(calibration::Args),
     /// A course with the selector or one skill alone, by step height
     Success(success::Args),
+    /// How hard the joints are shaken while one skill takes over from another
+    Switches(switches::Args),
     /// One skill takes over from another while the hind feet are still on a staircase's last step
     Handover(handover::Args),
     /// The same skill, nothing retuned, in rapier and in MuJoCo (a Python process) from the same poses
@@ -36,6 +39,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         Experiment::Viability(args) => viability::run(&args),
         Experiment::Calibration(args) => calibration::run(&args),
         Experiment::Success(args) => success::run(&args),
+        Experiment::Switches(args) => switches::run(&args),
         Experiment::Handover(args) => handover::run(&args),
         Experiment::Transfer(args) => transfer::run(&args),
     }

@@ -13,6 +13,7 @@ mod demo;
 #[cfg(feature = "sim")]
 mod evaluate;
 mod explain;
+mod lock;
 #[cfg(feature = "sim")]
 mod look;
 mod plugin_host;
@@ -43,7 +44,7 @@ pub(crate) enum Verb {
     /// Drive the stairs courses in the simulator and write a page with moving pictures
     #[cfg(feature = "sim")]
     Demo(demo::Args),
-    /// The registry: list, check, and start new skills
+    /// The registry: list, check, start new skills, pack, install and remove them
     Skills(skills::Args),
     /// Roll a skill out in the simulator and write a data set
     #[cfg(feature = "sim")]
@@ -65,6 +66,8 @@ pub(crate) enum Verb {
     Look(look::Args),
     /// Run the 50 Hz loop of a deployment
     Run(run::Args),
+    /// Write a deployment's lock, for `run --locked`
+    Lock(lock::Args),
     /// Say why each skill was chosen or refused, from a decisions log
     Explain(explain::Args),
     /// Run one plugin for another process of this program
@@ -90,6 +93,7 @@ impl Verb {
             #[cfg(feature = "sim")]
             Self::Look(args) => look::run(&args),
             Self::Run(args) => run::run(args),
+            Self::Lock(args) => lock::run(&args),
             Self::Explain(args) => explain::run(args),
             Self::PluginHost(args) => plugin_host::run(&args),
         }

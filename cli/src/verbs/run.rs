@@ -11,7 +11,8 @@ use std::str::FromStr;
 
 use anyhow::Context as _;
 use vocaloco_core::installation::Installation;
-use vocaloco_core::registry::{LoadedDeployment, load_deployment};
+use vocaloco_core::lock::{Lock, PublicKey};
+use vocaloco_core::registry::{LoadedDeployment, load_deployment, load_locked};
 
 use super::Shared;
 use crate::exit::Exit;
@@ -42,6 +43,13 @@ pub(crate) struct Args {
     /// Stand rather than wait for a plugin or a prediction over its budget; not with replay:FILE
     #[arg(long)]
     real_time: bool,
+    /// Take only what the deployment's lock has (`vocaloco lock`)
+    #[arg(long)]
+    locked: bool,
+    /// Take only a lock that this public key has signed, whatever the deployment trusts; may be given more
+    /// than once
+    #[arg(long, value_name = "KEY", requires = "locked")]
+    trust: Vec<PublicKey>,
     #[cfg(feature = "sim")]
     #[command(flatten)]
     course: course::CourseArgs,
@@ -83,8 +91,19 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
 /// The deployment, each refused skill named on stderr, and those lines.
 fn load(args: &Args) -> anyhow::Result<(LoadedDeployment, Vec<String>)> {
     let installation = Installation::find().context("no installation")?;
-    let loaded = load_deployment(&installation, &args.deployment)
-        .with_context(|| format!("deployment `{}`", args.deployment))?;
+    let name = &args.deployment;
+    let loaded = if args.locked {
+        let lock = Lock::read(&installation, name).context("--locked")?;
+        lock.check_signature(&args.trust).context("--trust")?;
+        load_locked(&installation, name, &lock)
+    } else {
+        load_deployment(&installation, name)
+    };
+    let loaded = loaded.with_context(|| format!("deployment `{name}`"))?;
+    anyhow::ensure!(
+        args.locked || loaded.deployment.trusted_keys.is_empty(),
+        "deployment `{name}`: trusted_keys: found a run without --locked, wanted --locked: only a lock is signed"
+    );
     let refused: Vec<String> = loaded.refused.iter().map(ToString::to_string).collect();
     for line in &refused {
         eprintln!("refused: {line}");

@@ -1,8 +1,11 @@
-//! `skills`: what is installed, whether it is sound, and the start of a new one.
+//! `skills`: what is installed, whether it is sound, the start of a new one, and skills as files.
 
 mod check;
+mod install;
+mod key;
 mod list;
 mod new;
+mod pack;
 
 use crate::exit::Exit;
 
@@ -20,6 +23,14 @@ enum Verb {
     Check(check::Args),
     /// Start a skill: a plugin from the template, its manifest and its folder
     New(new::Args),
+    /// Pack a skill into one file, signed or not
+    Pack(pack::Args),
+    /// Install a packed skill, whole or not at all
+    Install(install::InstallArgs),
+    /// Remove a skill that a bundle has brought
+    Remove(install::RemoveArgs),
+    /// Make a key pair for signing bundles and locks
+    Key(key::Args),
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
@@ -27,5 +38,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         Verb::List(args) => list::run(&args),
         Verb::Check(args) => check::run(&args),
         Verb::New(args) => new::run(&args),
+        Verb::Pack(args) => pack::run(&args),
+        Verb::Install(args) => install::install(&args),
+        Verb::Remove(args) => install::remove(&args),
+        Verb::Key(args) => key::run(&args),
     }
 }

@@ -7,6 +7,8 @@ use serde::Deserialize;
 use super::deadlines::{Deadlines, RawDeadlines};
 use super::reader::Source;
 use super::{Finding, is_snake_case};
+use crate::lock::PublicKey;
+use crate::runtime::Switching;
 
 /// A checked deployment.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +33,10 @@ pub struct Deployment {
     pub heightfield: HeightfieldLimits,
     /// How long calls may take in real time.
     pub deadlines: Deadlines,
+    /// How targets go over from one skill to the next.
+    pub switching: Switching,
+    /// Keys of which one must have signed the lock; none demand no signature.
+    pub trusted_keys: Vec<PublicKey>,
 }
 
 /// When terrain counts as unknown.
@@ -58,6 +64,17 @@ struct Raw {
     heightfield: RawHeightfield,
     #[serde(default)]
     deadlines: RawDeadlines,
+    #[serde(default)]
+    switching: RawSwitching,
+    #[serde(default)]
+    trusted_keys: Vec<String>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct RawSwitching {
+    ramp_s: f64,
+    mixing: bool,
 }
 
 #[derive(Deserialize)]
@@ -88,7 +105,18 @@ impl Deployment {
     /// # Errors
     /// The first thing that is not as the schema wants it.
     pub fn read(path: &Path) -> Result<Self, Finding> {
-        let source = Source::read(path)?;
+        Self::check(path, &Source::read(path)?)
+    }
+
+    /// Checks the text of the manifest `path`, which is only named in findings.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn parse(path: &Path, text: String) -> Result<Self, Finding> {
+        Self::check(path, &Source::new(path, text))
+    }
+
+    fn check(path: &Path, source: &Source<'_>) -> Result<Self, Finding> {
         let raw: Raw = source.parse()?;
         if !is_snake_case(&raw.robot) {
             let found = format!("{:?}", raw.robot);
@@ -104,6 +132,12 @@ impl Deployment {
                 return Err(source.finding(&field, format!("{skill:?}"), wanted));
             }
         }
+        let trusted_keys = raw.trusted_keys.iter().enumerate().map(|(index, text)| {
+            let wanted = "the 64 hex digits of a public key (`vocaloco skills key`)";
+            let refuse = |why| source.finding(&format!("trusted_keys[{index}]"), why, wanted);
+            text.parse::<PublicKey>().map_err(refuse)
+        });
+        let trusted_keys = trusted_keys.collect::<Result<Vec<_>, _>>()?;
         let window = |field: &str, ticks: usize| {
             if (1..=1000).contains(&ticks) {
                 Ok(ticks)
@@ -116,13 +150,18 @@ impl Deployment {
             file: path.to_owned(),
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             rate_hz,
-            deadlines: Deadlines::checked(&source, &raw.deadlines, rate_hz, raw.skills.len())?,
+            deadlines: Deadlines::checked(source, &raw.deadlines, rate_hz, raw.skills.len())?,
             switch_window: window("switch_window", raw.switch_window)?,
             stop_window: window("stop_window", raw.stop_window.unwrap_or(raw.switch_window))?,
             resume_window: window("resume_window", raw.resume_window)?,
             heightfield: HeightfieldLimits {
                 max_age_s: source.inside("heightfield.max_age_s", raw.heightfield.max_age_s, 0.001..=60.0)?,
             },
+            switching: Switching {
+                ramp_s: source.inside("switching.ramp_s", raw.switching.ramp_s, 0.0..=1.0)?,
+                mixing: raw.switching.mixing,
+            },
+            trusted_keys,
             robot: raw.robot,
             skills: raw.skills,
         })

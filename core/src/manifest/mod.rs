@@ -13,6 +13,7 @@ pub use deadlines::Deadlines;
 pub use deployment::{Deployment, HeightfieldLimits};
 pub use finding::Finding;
 pub use reader::read_bounded;
+pub(crate) use reader::{MAX_BYTES, bytes_of};
 pub use skill::{CommandRange, Isolation, Models, Rollout, Selection, SkillManifest};
 
 /// The schema number that every manifest carries.

@@ -9,26 +9,29 @@ use serde::de::DeserializeOwned;
 use super::{Finding, SCHEMA};
 
 /// Manifests are written by hand: more than this is no manifest.
-const MAX_BYTES: u64 = 1 << 20;
+pub(crate) const MAX_BYTES: u64 = 1 << 20;
 
 /// Reads a text file of at most `max_bytes`; `file` and `field` say who named it, for the finding.
 ///
 /// # Errors
 /// The file is missing, unreadable, longer than that or not UTF-8.
 pub fn read_bounded(path: &Path, max_bytes: u64, file: &Path, field: &str) -> Result<String, Finding> {
-    let finding = |found: String| {
-        let wanted = format!("a readable text file of at most {max_bytes} bytes");
-        Finding::new(file, field, found, wanted)
-    };
-    let unreadable = |error: std::io::Error| finding(format!("{}: {error}", path.display()));
+    let wanted = format!("a readable text file of at most {max_bytes} bytes");
+    let finding = |found: String| Finding::new(file, field, format!("{}: {found}", path.display()), &wanted);
+    let bytes = bytes_of(path, max_bytes).map_err(finding)?;
+    String::from_utf8(bytes).map_err(|error| finding(error.to_string()))
+}
+
+/// The bytes of a file of at most `max_bytes`, read once, or why not.
+pub(crate) fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     std::fs::File::open(path)
-        .and_then(|opened| opened.take(max_bytes + 1).read_to_end(&mut bytes))
-        .map_err(unreadable)?;
+        .and_then(|opened| opened.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes))
+        .map_err(|error| error.to_string())?;
     if bytes.len() as u64 > max_bytes {
-        return Err(finding(format!("{}: more than {max_bytes} bytes", path.display())));
+        return Err(format!("more than {max_bytes} bytes"));
     }
-    String::from_utf8(bytes).map_err(|error| finding(format!("{}: {error}", path.display())))
+    Ok(bytes)
 }
 
 /// A manifest's text, from which checked fields are taken.
@@ -40,6 +43,10 @@ pub(super) struct Source<'a> {
 impl<'a> Source<'a> {
     pub(super) fn read(path: &'a Path) -> Result<Self, Finding> {
         Ok(Self { path, text: read_bounded(path, MAX_BYTES, path, "file")? })
+    }
+
+    pub(super) const fn new(path: &'a Path, text: String) -> Self {
+        Self { path, text }
     }
 
     /// Parses the text, the schema number first: a newer file may hold fields this version lacks.

@@ -160,7 +160,18 @@ impl SkillManifest {
     /// # Errors
     /// The first thing that is not as the schema wants it.
     pub fn read(path: &Path) -> Result<Self, Finding> {
-        let source = Source::read(path)?;
+        Self::check(path, &Source::read(path)?)
+    }
+
+    /// Checks the text of the manifest `path`, which is only named in findings.
+    ///
+    /// # Errors
+    /// As [`read`](Self::read).
+    pub fn parse(path: &Path, text: String) -> Result<Self, Finding> {
+        Self::check(path, &Source::new(path, text))
+    }
+
+    fn check(path: &Path, source: &Source<'_>) -> Result<Self, Finding> {
         let raw: Raw = source.parse()?;
         let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("");
         if raw.name != stem || !is_snake_case(&raw.name) {
@@ -173,7 +184,7 @@ impl SkillManifest {
         }
         Ok(Self {
             file: path.to_owned(),
-            models: models(&source, raw.models)?,
+            models: models(source, raw.models)?,
             selection: Selection {
                 viability_threshold: source.inside(
                     "selection.viability_threshold",
@@ -184,8 +195,8 @@ impl SkillManifest {
                     as f32,
                 committed: raw.selection.committed,
             },
-            command: command(&source, &raw.command)?,
-            rollout: rollout(&source, &raw.rollout)?,
+            command: command(source, &raw.command)?,
+            rollout: rollout(source, &raw.rollout)?,
             contract: raw.contract,
             name: raw.name,
             summary: raw.summary,

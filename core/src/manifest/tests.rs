@@ -112,6 +112,8 @@ fn a_deployment_out_of_range_is_refused_by_field() {
         ("switch_window = 10", "switch_window = 0", "switch_window"),
         ("max_age_s = 0.2", "max_age_s = nan", "heightfield.max_age_s"),
         ("rate_hz = 50", "rate_hz = inf", "rate_hz"),
+        ("rate_hz = 50", "switching.ramp_s = nan", "switching.ramp_s"),
+        ("rate_hz = 50", "trusted_keys = [\"ab\"]", "trusted_keys[0]"),
         ("\"descend\"]", "\"walk\"]", "skills[2]"),
         ("[\"walk\", \"ascend\", \"descend\"]", "[]", "skills"),
         ("[heightfield]", "[deadlines]\nact_s = nan\n[heightfield]", "deadlines.act_s"),

@@ -8,6 +8,9 @@ pub enum PluginError {
     /// No library of that name on the plugin path, or it cannot be read.
     #[error("{0}")]
     NotFound(Finding),
+    /// The library is not the one that was locked.
+    #[error("{0}")]
+    Unlocked(Finding),
     /// The file is no loadable library: truncated, for another machine, not a library at all.
     #[error("{0}")]
     NotALibrary(Finding),
@@ -27,6 +30,7 @@ impl PluginError {
     pub fn finding(&self) -> &Finding {
         match self {
             Self::NotFound(finding)
+            | Self::Unlocked(finding)
             | Self::NotALibrary(finding)
             | Self::ForeignInterface(finding)
             | Self::Description(finding)
@@ -38,6 +42,7 @@ impl PluginError {
     pub fn into_finding(self) -> Finding {
         match self {
             Self::NotFound(finding)
+            | Self::Unlocked(finding)
             | Self::NotALibrary(finding)
             | Self::ForeignInterface(finding)
             | Self::Description(finding)
@@ -54,6 +59,7 @@ impl PluginError {
             Self::ForeignInterface(_) => 2,
             Self::Description(_) => 3,
             Self::Create(_) => 4,
+            Self::Unlocked(_) => 5,
         }
     }
 
@@ -65,6 +71,7 @@ impl PluginError {
             1 => Self::NotALibrary(finding),
             2 => Self::ForeignInterface(finding),
             3 => Self::Description(finding),
+            5 => Self::Unlocked(finding),
             _ => Self::Create(finding),
         }
     }
@@ -73,6 +80,7 @@ impl PluginError {
     pub(super) fn about(mut self, file: &std::path::Path) -> Self {
         match &mut self {
             Self::NotFound(finding)
+            | Self::Unlocked(finding)
             | Self::NotALibrary(finding)
             | Self::ForeignInterface(finding)
             | Self::Description(finding)

@@ -18,6 +18,9 @@ use super::{PluginError, PluginInstance, description, image};
 use crate::manifest::Finding;
 use crate::policy::PolicyNetwork;
 
+/// Whether a library, by its file and the bytes read from it, may be loaded.
+pub type Admit<'a> = &'a dyn Fn(&Path, &[u8]) -> Result<(), Finding>;
+
 /// A plugin, loaded until the process ends or, isolated, in a child process for each instance.
 pub struct PluginLibrary {
     file: PathBuf,
@@ -55,21 +58,37 @@ impl PluginLibrary {
     /// There is none, its file is not whole, it is not of this interface, or it describes itself in a
     /// way that makes no sense.
     pub fn open(search_path: &[PathBuf], name: &str) -> Result<Arc<Self>, PluginError> {
-        let file = find(search_path, name)?;
+        Self::open_if(search_path, name, &|_, _| Ok(()))
+    }
+
+    /// As [`open`](Self::open), with `admit` asked about the file and the bytes read from it before any
+    /// of them runs.
+    ///
+    /// # Errors
+    /// As [`open`](Self::open), and when `admit` refuses.
+    pub fn open_if(search_path: &[PathBuf], name: &str, admit: Admit<'_>) -> Result<Arc<Self>, PluginError> {
+        let file = Self::find(search_path, name)?;
         let (bytes, digest) = read(&file)?;
+        admit(&file, &bytes).map_err(PluginError::Unlocked)?;
         Self::once(&LOADED, &file, digest, || Self::load(&file, &bytes, &digest))?.named(name, &file)
     }
 
     /// The plugin `name`, found as by [`open`](Self::open), to be run in child processes alone: nothing
-    /// of it is loaded into this one.
+    /// of it is loaded into this one. `admit` is asked as in [`open_if`](Self::open_if); the child loads
+    /// bytes of the same hash or none.
     ///
     /// # Errors
-    /// As [`open`](Self::open), and when the child cannot be started or ends; elsewhere than on Linux
-    /// always.
+    /// As [`open_if`](Self::open_if), and when the child cannot be started or ends; elsewhere than on
+    /// Linux always.
     #[cfg(target_os = "linux")]
-    pub fn open_isolated(search_path: &[PathBuf], name: &str) -> Result<Arc<Self>, PluginError> {
-        let file = find(search_path, name)?;
-        let (_, digest) = read(&file)?;
+    pub fn open_isolated(
+        search_path: &[PathBuf],
+        name: &str,
+        admit: Admit<'_>,
+    ) -> Result<Arc<Self>, PluginError> {
+        let file = Self::find(search_path, name)?;
+        let (bytes, digest) = read(&file)?;
+        admit(&file, &bytes).map_err(PluginError::Unlocked)?;
         let program = Program::find(search_path).map_err(PluginError::NotFound)?;
         let describe = || {
             let description = ChildInstance::describe(&program, &file, &digest)?;
@@ -85,8 +104,12 @@ impl PluginLibrary {
     /// # Errors
     /// Always.
     #[cfg(not(target_os = "linux"))]
-    pub fn open_isolated(search_path: &[PathBuf], name: &str) -> Result<Arc<Self>, PluginError> {
-        let file = find(search_path, name)?;
+    pub fn open_isolated(
+        search_path: &[PathBuf],
+        name: &str,
+        _admit: Admit<'_>,
+    ) -> Result<Arc<Self>, PluginError> {
+        let file = Self::find(search_path, name)?;
         let wanted = "\"none\" on this system";
         Err(PluginError::NotFound(Finding::new(&file, "isolation", "\"process\"", wanted)))
     }
@@ -122,6 +145,26 @@ impl PluginLibrary {
         let found = format!("{:?}", self.description.name.as_str());
         let wanted = format!("{name:?}, as the file is called");
         Err(PluginError::Description(Finding::new(file, "name", found, wanted)))
+    }
+
+    /// The library of the plugin `name` in the first folder of `search_path` that holds it.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn find(search_path: &[PathBuf], name: &str) -> Result<PathBuf, PluginError> {
+        let file_name = library_file_name(name);
+        let Some(file) = search_path.iter().map(|folder| folder.join(&file_name)).find(|file| file.is_file())
+        else {
+            let folders: Vec<_> = search_path.iter().map(|folder| folder.display().to_string()).collect();
+            let wanted = format!("that file in {}", folders.join(" or "));
+            return Err(PluginError::NotFound(Finding::new(
+                Path::new(&file_name),
+                "plugin",
+                "no such file",
+                wanted,
+            )));
+        };
+        Ok(file)
     }
 
     fn load(file: &Path, bytes: &[u8], digest: &[u8; 32]) -> Result<Self, PluginError> {
@@ -238,17 +281,6 @@ impl PluginLibrary {
         description::check_needs(&self.file, &needs).map_err(PluginError::Create)?;
         Ok(PluginInstance::new(Arc::clone(self), instance, needs, robot))
     }
-}
-
-/// The library of the plugin `name` in the first folder that holds it.
-fn find(search_path: &[PathBuf], name: &str) -> Result<PathBuf, PluginError> {
-    let file_name = library_file_name(name);
-    let found = search_path.iter().map(|folder| folder.join(&file_name)).find(|file| file.is_file());
-    found.ok_or_else(|| {
-        let folders: Vec<_> = search_path.iter().map(|folder| folder.display().to_string()).collect();
-        let wanted = format!("that file in {}", folders.join(" or "));
-        PluginError::NotFound(Finding::new(Path::new(&file_name), "plugin", "no such file", wanted))
-    })
 }
 
 /// A library's bytes and their SHA-256.

@@ -21,5 +21,5 @@ pub use error::PluginError;
 pub use instance::PluginInstance;
 #[cfg(target_os = "linux")]
 pub use isolation::serve;
-pub use library::{PluginLibrary, library_file_name};
+pub use library::{Admit, PluginLibrary, library_file_name};
 pub(crate) use state_buffer::StateBuffer;

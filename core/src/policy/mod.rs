@@ -26,6 +26,7 @@ use vocaloco_plugin_api::{ErrorCode, RobotDescription, SkillError};
 
 use crate::manifest::Finding;
 use crate::predictor::ModelError;
+pub(crate) use crate::predictor::guard::MAX_POLICY_BYTES;
 use crate::predictor::guard::{self, Fault};
 use chain::Chain;
 use session::SharedSession;
@@ -186,6 +187,11 @@ impl Handle {
                 let message = format!("policy {what}: found {found} values, wanted {wanted}");
                 return Err(SkillError::new(ErrorCode::Input, message));
             }
+        }
+        // Runtimes differ in what they make of a NaN, and some hide it.
+        if let Some(value) = input.iter().find(|value| !value.is_finite()) {
+            let message = format!("policy input: found {value}, wanted a finite observation");
+            return Err(SkillError::new(ErrorCode::Input, message));
         }
         match &shared.network {
             Network::Chain(chain) => chain.run(input, &mut self.memory, output),

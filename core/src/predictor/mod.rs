@@ -19,6 +19,7 @@ use sha2::{Digest, Sha256};
 use thiserror::Error;
 
 pub use backend::{Backend, backend};
+pub(crate) use guard::MAX_BYTES as MAX_MODEL_BYTES;
 
 use crate::heightfield::{COLUMNS, Field, ROWS};
 use crate::manifest::Finding;

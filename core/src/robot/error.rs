@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::manifest::Finding;
+
 /// Why a robot was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotError {
@@ -14,6 +16,9 @@ pub enum RobotError {
         #[source]
         source: std::io::Error,
     },
+    /// The file is not the one that was locked.
+    #[error("{0}")]
+    Refused(Finding),
     /// The file is not TOML of the right form, or not MJCF.
     #[error("{}: {message}", path.display())]
     Malformed {

@@ -7,7 +7,7 @@ use mjcf_rs::body::{Geom, GeomType, InertiaSpec, Inertial, JointType};
 use mjcf_rs::glam::{DMat3, DQuat, DVec3};
 
 use super::settings::read_text;
-use super::{RobotError, ShapeKind};
+use super::{ReadFile, RobotError, ShapeKind};
 
 /// One MJCF body with what hangs on it, in file order: parents come first.
 pub(super) struct Body {
@@ -38,8 +38,14 @@ pub(super) struct File {
 }
 
 impl File {
-    pub(super) fn read(path: &Path) -> Result<Self, RobotError> {
-        let (text, sha256) = read_text(path)?;
+    pub(super) fn read(path: &Path, read: ReadFile<'_>) -> Result<Self, RobotError> {
+        let (text, sha256) = read_text(path, read)?;
+        // The parser would read another file, whose bytes nobody has checked.
+        if text.contains("<include") {
+            return Err(RobotError::field(path, "include", "another file", "the whole robot in this one"));
+        }
+        super::nesting::check(&text)
+            .map_err(|(found, wanted)| RobotError::field(path, "file", found, wanted))?;
         let folder = path.parent().unwrap_or(Path::new("."));
         let model =
             mjcf_rs::Model::from_str(&text, folder).map_err(|error| RobotError::malformed(path, &error))?;

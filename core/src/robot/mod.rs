@@ -7,6 +7,7 @@
 mod drive;
 mod error;
 mod mjcf;
+mod nesting;
 mod settings;
 mod shape;
 mod tree;
@@ -19,6 +20,9 @@ pub use drive::Drive;
 pub use error::RobotError;
 pub use settings::StandParameters;
 pub use shape::{Role, Shape, ShapeKind};
+
+/// How the bytes of a robot's file are got.
+pub type ReadFile<'a> = &'a dyn Fn(&Path) -> Result<Vec<u8>, RobotError>;
 
 /// A robot: what plugins see of it, and what a physics engine needs besides.
 #[derive(Clone, Debug, PartialEq)]
@@ -62,8 +66,18 @@ impl RobotModel {
     /// A file is missing, does not parse, holds what this project does not model, or the two
     /// disagree: each names file, field, what was found and what would be right.
     pub fn load(robots_dir: &Path, name: &str) -> Result<Self, RobotError> {
-        let settings = settings::File::read(&robots_dir.join(format!("{name}.toml")))?;
-        let tree = mjcf::File::read(&robots_dir.join(format!("{name}.xml")))?;
+        Self::load_by(robots_dir, name, &|path| {
+            std::fs::read(path).map_err(|source| RobotError::Unreadable { path: path.to_owned(), source })
+        })
+    }
+
+    /// As [`load`](Self::load), with `read` to read each file, once.
+    ///
+    /// # Errors
+    /// As [`load`](Self::load), and those of `read`.
+    pub fn load_by(robots_dir: &Path, name: &str, read: ReadFile<'_>) -> Result<Self, RobotError> {
+        let settings = settings::File::read(&robots_dir.join(format!("{name}.toml")), read)?;
+        let tree = mjcf::File::read(&robots_dir.join(format!("{name}.xml")), read)?;
         tree::assemble(name, &settings, &tree)
     }
 

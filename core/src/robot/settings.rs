@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use super::{Drive, RobotError};
+use super::{Drive, ReadFile, RobotError};
 
 /// How the robot stands. The stand position of each joint is in the robot's description.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,17 +60,16 @@ pub(super) struct File {
 }
 
 /// The bytes of a file as text, and their SHA-256 in lowercase hex.
-pub(super) fn read_text(path: &Path) -> Result<(String, String), RobotError> {
-    let bytes =
-        std::fs::read(path).map_err(|source| RobotError::Unreadable { path: path.to_owned(), source })?;
+pub(super) fn read_text(path: &Path, read: ReadFile<'_>) -> Result<(String, String), RobotError> {
+    let bytes = read(path)?;
     let sha256 = Sha256::digest(&bytes).iter().fold(String::new(), |text, byte| format!("{text}{byte:02x}"));
     let text = String::from_utf8(bytes).map_err(|error| RobotError::malformed(path, &error))?;
     Ok((text, sha256))
 }
 
 impl File {
-    pub(super) fn read(path: &Path) -> Result<Self, RobotError> {
-        let (text, sha256) = read_text(path)?;
+    pub(super) fn read(path: &Path, read: ReadFile<'_>) -> Result<Self, RobotError> {
+        let (text, sha256) = read_text(path, read)?;
         let raw: Raw = toml::from_str(&text).map_err(|error| RobotError::malformed(path, &error))?;
         if raw.schema != 1 {
             return Err(RobotError::field(path, "schema", raw.schema.to_string(), "1"));

@@ -20,6 +20,12 @@ fn altered(file: &str, from: &str, to: &str) -> String {
 }
 
 #[test]
+fn a_robot_that_includes_another_file_is_refused() {
+    let line = altered("anymal_d.xml", "<worldbody>", "<include file=\"legs.xml\"/><worldbody>");
+    assert!(line.contains("anymal_d.xml: include: found another file"), "{line}");
+}
+
+#[test]
 fn the_shipped_robot_has_the_published_figures() {
     let robot = RobotModel::load(&robots(), "anymal_d").expect("the shipped robot");
     assert!((robot.description.mass_kg - 51.5).abs() < 1e-9, "{} kg", robot.description.mass_kg);

@@ -48,6 +48,7 @@ impl Runtime {
             let acted = if self.is_late { Ok(None) } else { self.timed_act(skill, observation) };
             match acted {
                 Ok(Some(())) => {
+                    self.hand_over(skill, observation);
                     std::mem::swap(&mut self.joints, &mut self.candidate);
                     self.drives = Some(Active::Skill(skill));
                     return;
@@ -81,7 +82,8 @@ impl Runtime {
     /// Targets of one skill; none when they are late, an error when it is out of service for it.
     fn timed_act(&mut self, skill: usize, observation: &Observation) -> Result<Option<()>, Reason> {
         let began = self.now();
-        let acted = self.act(skill, observation);
+        let takes_over = self.drives != Some(Active::Skill(skill));
+        let acted = self.act(skill, observation, takes_over);
         let is_late = matches!(acted, Err((_, CallFault::Overrun(_))));
         self.count_overrun(is_late, began, Supervision::act);
         match acted {
@@ -126,9 +128,14 @@ impl Runtime {
         }
     }
 
-    /// Targets of one skill into `candidate`, reset first if it did not drive before; of a fault also
+    /// Targets of one skill into `candidate`, `reset` first if it did not drive before; of a fault also
     /// the call that it is of.
-    fn act(&mut self, index: usize, observation: &Observation) -> Result<(), (&'static str, CallFault)> {
+    pub(super) fn act(
+        &mut self,
+        index: usize,
+        observation: &Observation,
+        reset: bool,
+    ) -> Result<(), (&'static str, CallFault)> {
         let skill = &mut self.skills[index];
         self.contacts.clear();
         let contacts = observation.foot_contact.iter().flatten();
@@ -152,7 +159,7 @@ impl Runtime {
             foot_contact: self.contacts.as_slice().into(),
             terrain_m: self.terrain_m.as_slice().into(),
         };
-        if self.drives != Some(Active::Skill(index)) {
+        if reset {
             skill.controller.reset(&state).map_err(|fault| ("reset", fault))?;
         }
         // A controller that leaves a target out must not drive with what stood there before.

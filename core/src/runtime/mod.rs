@@ -7,6 +7,7 @@ mod deadline;
 mod drive;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod handover;
 mod perceive;
 mod skill;
 #[cfg(test)]
@@ -20,6 +21,8 @@ use vocaloco_plugin_api::{CommandKind, JointTarget};
 
 use deadline::{Overruns, WatchedController, WatchedPredictors};
 pub use deadline::{Pace, Supervision, TickSummary, TickTimes};
+use handover::Handover;
+pub use handover::Switching;
 use skill::Limits;
 pub use skill::{CallFault, Controller, Networks, Predict, Skill};
 
@@ -99,6 +102,8 @@ pub struct Runtime {
     overruns: Overruns,
     /// The active skill's prediction was over its budget this tick.
     is_late: bool,
+    handover: Handover,
+    mixing: bool,
     /// Who made the targets in `joints`; none before the first usable observation.
     drives: Option<Active>,
     last_t_s: Option<f64>,
@@ -132,7 +137,7 @@ impl Runtime {
             };
             skills.push(Skill { rule, needs, controller, predictors: Box::new(Networks { viability, cot }) });
         }
-        Ok(Self::from_skills(config, loaded.robot, skills))
+        Ok(Self::from_skills(config, loaded.robot, skills).with_switching(loaded.deployment.switching))
     }
 
     /// A runtime of any skills: what predicts and what drives need not come from files.
@@ -169,6 +174,8 @@ impl Runtime {
             times: TickTimes::new(config.rate_hz),
             overruns: Overruns::new(config.rate_hz, skill_count),
             is_late: false,
+            handover: Handover::default(),
+            mixing: false,
             drives: None,
             last_t_s: None,
             ticks: 0,
@@ -204,6 +211,7 @@ impl Runtime {
         self.selector.restart();
         self.filter = SwitchFilter::new(self.config.windows);
         self.overruns.restart();
+        self.handover.end();
         self.drives = None;
         self.last_t_s = None;
         self.ticks = 0;

@@ -28,6 +28,8 @@ const BRAKING_STIFFNESS: f64 = 2.5;
 const BRAKING_DAMPING: f64 = 3.0;
 /// Time constant with which that fades once every foot touches, s.
 const BRAKING_S: f64 = 1.0;
+/// Faster than this on four feet the robot was pushed, and brakes again; wholly at twice as much, m/s.
+const PUSHED_M_PER_S: f64 = 0.15;
 /// A foot in the air goes sideways at no more than this, m/s.
 const ASIDE_M_PER_S: f64 = 1.5;
 /// A foot is set down at most this far from below its hip, m.
@@ -51,6 +53,12 @@ pub struct Sensed<'a> {
 }
 
 impl Sensed<'_> {
+    /// 0 at rest, 1 at twice the speed from which on a standing robot counts as pushed.
+    fn pushed(&self) -> f64 {
+        let velocity = self.velocity_m_per_s.unwrap_or_default().map(f64::from);
+        (dot(velocity, velocity).sqrt() / PUSHED_M_PER_S - 1.0).clamp(0.0, 1.0)
+    }
+
     fn down(&self) -> [f64; 3] {
         let gravity = self.gravity.unwrap_or([0.0, 0.0, -1.0]).map(f64::from);
         let length = dot(gravity, gravity).sqrt();
@@ -172,6 +180,7 @@ impl Stand {
         self.load((dt_s / LOAD_S).min(1.0), down);
         if self.is_settled() {
             self.braking *= 1.0 - (dt_s / BRAKING_S).min(1.0);
+            self.braking = self.braking.max(sensed.pushed());
         }
         let stand = &self.robot.stand;
         let stiffer = 1.0 + self.braking * (BRAKING_STIFFNESS - 1.0);

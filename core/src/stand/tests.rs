@@ -208,3 +208,25 @@ fn without_any_measurement_it_begins_at_the_last_targets_or_in_the_stand_pose() 
     }
     assert!(stand.is_settled());
 }
+
+#[test]
+fn a_standing_robot_that_is_pushed_brakes_and_one_at_rest_does_not() {
+    let robot = robot();
+    let at_rest = robot.stand_position_rad();
+    let mut stand = Stand::new(Arc::clone(&robot));
+    let mut joints = vec![JointTarget::default(); robot.joint_count()];
+    let mut damping = |speed_m_per_s: f32| {
+        let sensed = Sensed {
+            position_rad: Some(&at_rest),
+            velocity_m_per_s: Some([0.0, -speed_m_per_s, 0.0]),
+            ..Sensed::default()
+        };
+        stand.step(0.02, sensed, &mut joints);
+        joints[0].damping_nms_per_rad / robot.stand.damping_nms_per_rad
+    };
+    assert_eq!(damping(0.0), 1.0);
+    assert_eq!(damping(0.1), 1.0, "what sensors make up is no push");
+    assert!((damping(0.5) - BRAKING_DAMPING as f32).abs() < 1e-5);
+    let fading = damping(0.0);
+    assert!(fading > 2.9 && fading < 3.0, "{fading}: it fades as after a stop");
+}

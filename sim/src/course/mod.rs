@@ -8,6 +8,7 @@ mod pilot;
 mod record;
 mod stage;
 mod success;
+mod switches;
 
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,7 @@ pub use pilot::{Pilot, PilotTick, SelectorPilot, SkillPilot};
 pub use record::{CourseRun, CourseTick, Outcome, Switch};
 pub use stage::CourseStage;
 pub use success::{Selector, SuccessRow, roll_out, success};
+pub use switches::{Peaks, SwitchesRow, switches};
 
 use thiserror::Error;
 use vocaloco_core::{plugin::PluginError, registry::LoadError, runtime::RuntimeError};

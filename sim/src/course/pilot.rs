@@ -74,6 +74,7 @@ pub struct SelectorPilot<'a> {
     field_noise_m: f32,
     sensors: Sensors,
     field: ChaCha8Rng,
+    watch: Option<&'a mut dyn FnMut(&Measurement)>,
     ticks: u64,
 }
 
@@ -92,8 +93,21 @@ impl<'a> SelectorPilot<'a> {
             field_noise_m: config.field_noise_m,
             sensors: Sensors::new(config.noise, stream(config.seed, "course_sensors", &[config.rollout])),
             field: stream(config.seed, "course_field", &[config.rollout]),
+            watch: None,
             ticks: 0,
         }
+    }
+
+    /// Shows `watch` every physics step.
+    #[must_use]
+    pub fn watched(mut self, watch: &'a mut dyn FnMut(&Measurement)) -> Self {
+        self.watch = Some(watch);
+        self
+    }
+
+    /// Adds a velocity to the robot at once, m/s in the world.
+    pub fn push(&mut self, velocity_in_world: [f32; 3]) {
+        self.plant.push(velocity_in_world);
     }
 
     fn observe(&mut self, command: &Command) -> Observation {
@@ -162,6 +176,9 @@ impl Pilot for SelectorPilot<'_> {
         for _ in 0..DECIMATION {
             self.plant.step(tick.joints);
             touched.see(self.plant.measure());
+            if let Some(watch) = &mut self.watch {
+                watch(self.plant.measure());
+            }
         }
         self.ticks += 1;
         Ok(PilotTick {

@@ -55,7 +55,9 @@ impl Mirror {
             HistoryLayout::TimeMajor => {
                 let history = frames.first().map_or(0, |(_, history)| *history);
                 for _ in 0..history {
-                    frames.iter().for_each(|(frame, _)| append(frame));
+                    for (frame, _) in &frames {
+                        append(frame);
+                    }
                 }
             }
         }

@@ -111,7 +111,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     let isolated = if cfg!(target_os = "linux") {
         let mut loaded = args.load(&installation)?;
         for skill in &mut loaded.skills {
-            skill.library = PluginLibrary::open_isolated(&installation.plugin_path, &skill.manifest.plugin)?;
+            skill.library =
+                PluginLibrary::open_isolated(&installation.plugin_path, &skill.manifest.plugin, &|_, _| {
+                    Ok(())
+                })?;
         }
         Some(otherwise(Runtime::new(loaded)?))
     } else {

@@ -9,6 +9,7 @@ mod attributes;
 mod policy;
 mod shapes;
 mod tensor;
+mod wire;
 
 use prost::Message;
 use tract_onnx::pb::{self, type_proto, type_proto::Value};
@@ -20,7 +21,7 @@ use super::Quantity;
 use crate::heightfield::{COLUMNS, ROWS};
 
 /// Largest file, bytes; the network of the method has 376 kB.
-pub(super) const MAX_BYTES: u64 = 2 << 20;
+pub(crate) const MAX_BYTES: u64 = 2 << 20;
 /// Largest number of nodes and of tensors.
 const MAX_NODES: usize = 128;
 /// Operator sets taken.
@@ -80,6 +81,7 @@ fn decode(bytes: &[u8], max_bytes: u64) -> Result<(pb::ModelProto, pb::GraphProt
     if bytes.len() as u64 > max_bytes {
         return Err(Fault::new("file", format!("{} bytes", bytes.len()), at_most(max_bytes, "bytes")));
     }
+    wire::check(bytes)?;
     let mut model = pb::ModelProto::decode(bytes)
         .map_err(|error| Fault::new("file", error, "a whole ONNX model in protobuf"))?;
     opset(&model)?;

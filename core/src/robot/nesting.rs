@@ -1,0 +1,81 @@
+//! A look at an MJCF before it is parsed: the parser recurses, and a stack that overflows ends the
+//! process instead of the load.
+
+/// Deepest nesting of elements; a leg of a robot is seven deep.
+const MAX_DEPTH: usize = 100;
+
+/// What was found, and what would be right.
+pub(super) type Defect = (String, &'static str);
+
+/// Checks that elements nest no deeper than a robot's, and that there is nothing in which other
+/// elements could hide: no document type with its entities, no character data in brackets.
+pub(super) fn check(text: &str) -> Result<(), Defect> {
+    let mut depth = 0_usize;
+    let mut rest = text;
+    while let Some((_, tag)) = rest.split_once('<') {
+        if let Some(comment) = tag.strip_prefix("!--") {
+            rest = after(comment, "-->");
+        } else if let Some(instruction) = tag.strip_prefix('?') {
+            rest = after(instruction, "?>");
+        } else if tag.starts_with('!') {
+            let found = format!("<{}", tag.chars().take(10).collect::<String>());
+            return Err((found, "elements and comments alone"));
+        } else {
+            let end = end_of(tag);
+            let closes = tag.starts_with('/');
+            let is_empty = tag[..end].ends_with('/');
+            rest = &tag[end..];
+            depth = if closes { depth.saturating_sub(1) } else { depth + usize::from(!is_empty) };
+            if depth > MAX_DEPTH {
+                return Err((format!("elements more than {MAX_DEPTH} deep"), "at most 100"));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn after<'a>(text: &'a str, end: &str) -> &'a str {
+    text.split_once(end).map_or("", |(_, after)| after)
+}
+
+/// Where a tag ends: at the first `>` outside quotes.
+fn end_of(tag: &str) -> usize {
+    let mut quote = None;
+    for (at, letter) in tag.char_indices() {
+        match quote {
+            Some(open) if letter == open => quote = None,
+            None if letter == '>' => return at,
+            None if letter == '"' || letter == '\'' => quote = Some(letter),
+            _ => {}
+        }
+    }
+    tag.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_tower_of_bodies_is_refused_whatever_stands_between_them() {
+        let tower = |between: &str| format!("<mujoco>{}", format!("<body>{between}").repeat(200));
+        for between in ["", "<geom/>", "<!-- </body> -->", "<?a </body> ?>", "<a b='/'></a>"] {
+            check(&tower(between)).expect_err(between);
+        }
+        check(&"<body name=\"/>\" a='/>'>".repeat(200)).expect_err("a quoted end is none");
+        check(&"<body".repeat(200)).expect("one tag that never ends is for the parser to refuse");
+    }
+
+    #[test]
+    fn entities_and_character_data_are_refused() {
+        for text in ["<!DOCTYPE m [<!ENTITY a \"<body>\">]><m/>", "<m><![CDATA[</m>]]></m>"] {
+            check(text).expect_err(text);
+        }
+    }
+
+    #[test]
+    fn siblings_are_not_depth() {
+        check(&format!("<?xml version='1.0'?><m>{}</m>", "<body><geom/></body><!-- <a> -->".repeat(500)))
+            .expect("flat");
+    }
+}

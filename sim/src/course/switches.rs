@@ -1,0 +1,244 @@
+//! `evaluate switches`: how hard the joints are shaken while one skill takes over from another, against
+//! how hard they are within skills.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use serde::Serialize;
+use vocaloco_core::{
+    robot::RobotModel,
+    runtime::{Runtime, Switching},
+};
+
+use super::{CourseConfig, CourseError, CourseRun, CourseStage, Outcome, SelectorPilot, drive};
+use crate::{
+    driver::{DECIMATION, TICK_S},
+    plant::Measurement,
+};
+
+/// Length of the stretches that are compared, s: the longest window, and a third of a stride.
+const STRETCH_S: f64 = 0.2;
+/// A stretch is within a skill when the last switch is this long ago, s.
+const SETTLED_S: f64 = 0.6;
+
+/// Largest over the joints in one physics step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Peak {
+    acceleration_rad_per_s2: f32,
+    torque_nm: f32,
+}
+
+impl Peak {
+    fn max(self, other: Self) -> Self {
+        Self {
+            acceleration_rad_per_s2: self.acceleration_rad_per_s2.max(other.acceleration_rad_per_s2),
+            torque_nm: self.torque_nm.max(other.torque_nm),
+        }
+    }
+}
+
+/// Peaks of many stretches.
+#[derive(Clone, Debug, Serialize)]
+pub struct Peaks {
+    /// Number of stretches.
+    pub n: usize,
+    /// Median.
+    pub p50: f32,
+    /// 95th percentile.
+    pub p95: f32,
+    /// Largest.
+    pub max: f32,
+}
+
+/// One way of switching on one course.
+#[derive(Clone, Debug, Serialize)]
+pub struct SwitchesRow {
+    /// Course.
+    pub course: &'static str,
+    /// Height of a step, m.
+    pub size_m: f32,
+    /// Length of the window, s.
+    pub ramp_s: f64,
+    /// Whether the outgoing skill goes on acting within it.
+    pub mixing: bool,
+    /// Number of rollouts.
+    pub n: usize,
+    /// Share that reached the target.
+    pub reached: f64,
+    /// Share that touched something with the base or left the map.
+    pub crashed: f64,
+    /// Peak joint acceleration in the stretch after a switch between skills, rad/s².
+    pub acceleration_at_switches: Option<Peaks>,
+    /// The same within skills.
+    pub acceleration_within: Option<Peaks>,
+    /// Peak joint torque in the stretch after a switch between skills, N·m.
+    pub torque_at_switches: Option<Peaks>,
+    /// The same within skills.
+    pub torque_within: Option<Peaks>,
+}
+
+/// Rolls a course out `n` times with one way of switching, in parallel on the current rayon pool.
+///
+/// Acceleration is the change of a joint's velocity over a physics step. A stretch is 0.2 s long; one
+/// is at a switch when it begins with the tick in which a skill takes over from another skill, and
+/// within a skill when it ends before the next switch and begins 0.6 s or more after the last.
+///
+/// # Errors
+/// The first rollout that cannot be driven.
+pub fn switches(
+    robot: &Arc<RobotModel>,
+    config: &CourseConfig,
+    n: u64,
+    switching: Switching,
+    runtime: &(dyn Fn() -> Result<Runtime, CourseError> + Sync),
+    progress: &(dyn Fn() + Sync),
+) -> Result<SwitchesRow, CourseError> {
+    let one = |rollout: usize| {
+        let config = CourseConfig { rollout: rollout as u64, recorded: false, ..config.clone() };
+        let CourseStage { terrain, mut plant } = CourseStage::set(robot, &config)?;
+        let mut runtime = runtime()?.with_switching(switching);
+        let mut watch = Watch::new(plant.measure());
+        let run = {
+            let mut see = |measured: &Measurement| watch.see(measured);
+            let pilot = SelectorPilot::new(&config, &mut plant, &terrain, &mut runtime);
+            drive(&config, &mut pilot.watched(&mut see))?
+        };
+        progress();
+        Ok((run, watch.peaks))
+    };
+    let runs: Vec<(CourseRun, Vec<Peak>)> =
+        (0..n as usize).into_par_iter().with_max_len(1).map(one).collect::<Result<_, CourseError>>()?;
+    let share = |outcome: Outcome| {
+        runs.iter().filter(|(run, _)| run.outcome == outcome).count() as f64 / runs.len().max(1) as f64
+    };
+    let (mut at, mut within) = (Vec::new(), Vec::new());
+    for (run, peaks) in &runs {
+        let [mut of_switches, mut of_skills] = stretches(run, peaks);
+        at.append(&mut of_switches);
+        within.append(&mut of_skills);
+    }
+    let acceleration =
+        |peaks: &[Peak]| summary(peaks.iter().map(|peak| peak.acceleration_rad_per_s2).collect());
+    let torque = |peaks: &[Peak]| summary(peaks.iter().map(|peak| peak.torque_nm).collect());
+    Ok(SwitchesRow {
+        course: config.kind.id(),
+        size_m: config.size_m,
+        ramp_s: switching.ramp_s,
+        mixing: switching.mixing,
+        n: runs.len(),
+        reached: share(Outcome::Reached),
+        crashed: share(Outcome::Crashed),
+        acceleration_at_switches: acceleration(&at),
+        acceleration_within: acceleration(&within),
+        torque_at_switches: torque(&at),
+        torque_within: torque(&within),
+    })
+}
+
+/// Keeps the peak of every physics step.
+struct Watch {
+    step_s: f32,
+    velocity_rad_per_s: Vec<f32>,
+    peaks: Vec<Peak>,
+}
+
+impl Watch {
+    fn new(measured: &Measurement) -> Self {
+        let step_s = (TICK_S / DECIMATION as f64) as f32;
+        Self { step_s, velocity_rad_per_s: measured.joint_velocity_rad_per_s.clone(), peaks: Vec::new() }
+    }
+
+    fn see(&mut self, measured: &Measurement) {
+        let mut peak = Peak::default();
+        let joints = measured.joint_velocity_rad_per_s.iter().zip(&self.velocity_rad_per_s);
+        for ((now, before), torque_nm) in joints.zip(&measured.joint_torque_nm) {
+            peak = peak.max(Peak {
+                acceleration_rad_per_s2: ((now - before) / self.step_s).abs(),
+                torque_nm: torque_nm.abs(),
+            });
+        }
+        self.velocity_rad_per_s.copy_from_slice(&measured.joint_velocity_rad_per_s);
+        self.peaks.push(peak);
+    }
+}
+
+/// The peak of every stretch after a switch between skills, and of every stretch within a skill.
+fn stretches(run: &CourseRun, peaks: &[Peak]) -> [Vec<Peak>; 2] {
+    let step = |t_s: f64| (t_s / TICK_S).round() as usize * DECIMATION;
+    let (length, settled) = (step(STRETCH_S), step(SETTLED_S));
+    let peak = |from: usize| {
+        let stretch = peaks.get(from..from + length)?;
+        Some(stretch.iter().fold(Peak::default(), |most, peak| most.max(*peak)))
+    };
+    let starts: Vec<usize> = run.switches.iter().map(|switch| step(switch.t_s)).collect();
+    let at = run.switches.iter().filter(|switch| switch.from != "stand" && switch.to != "stand");
+    let at = at.filter_map(|switch| peak(step(switch.t_s))).collect();
+    let mut within = Vec::new();
+    for (index, switch) in run.switches.iter().enumerate().filter(|(_, switch)| switch.to != "stand") {
+        let end = starts.get(index + 1).copied().unwrap_or(peaks.len());
+        let mut from = step(switch.t_s) + settled;
+        while from + length <= end {
+            within.extend(peak(from));
+            from += length;
+        }
+    }
+    [at, within]
+}
+
+fn summary(mut values: Vec<f32>) -> Option<Peaks> {
+    values.sort_by(f32::total_cmp);
+    let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
+    (!values.is_empty()).then(|| Peaks { n: values.len(), p50: at(0.5), p95: at(0.95), max: at(1.0) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{course::Switch, terrain::CourseKind};
+
+    fn run(switches: &[(f64, &str, &str)]) -> CourseRun {
+        let switch = |&(t_s, from, to): &(f64, &str, &str)| Switch { t_s, from: from.into(), to: to.into() };
+        CourseRun {
+            kind: CourseKind::StairsUp,
+            size_m: 0.1,
+            steps: 6,
+            outcome: Outcome::Reached,
+            duration_s: 4.0,
+            distance_m: 2.0,
+            cot: None,
+            cot_signed: None,
+            switches: switches.iter().map(switch).collect(),
+            nonfoot_contact: false,
+            ticks: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_peak_counts_where_it_happens() {
+        let run = run(&[(0.2, "stand", "walk"), (2.0, "walk", "ascend"), (3.6, "ascend", "stand")]);
+        let mut peaks = vec![Peak { acceleration_rad_per_s2: 1.0, torque_nm: 2.0 }; 800];
+        peaks[405].torque_nm = 70.0; // 25 ms after the switch between skills.
+        peaks[445].torque_nm = 90.0; // 225 ms after it: neither at the switch nor settled.
+        peaks[250].acceleration_rad_per_s2 = 50.0; // Within walk.
+        peaks[720].torque_nm = 99.0; // While it stands.
+        let [at, within] = stretches(&run, &peaks);
+        assert_eq!(at, [Peak { acceleration_rad_per_s2: 1.0, torque_nm: 70.0 }]);
+        assert_eq!(within.len(), 6 + 5, "0.8 to 2.0 s and 2.6 to 3.6 s");
+        let most = within.iter().fold(Peak::default(), |most, peak| most.max(*peak));
+        assert_eq!(most, Peak { acceleration_rad_per_s2: 50.0, torque_nm: 2.0 });
+    }
+
+    #[test]
+    fn a_stretch_cut_short_by_the_end_is_left_out() {
+        let run = run(&[(0.0, "stand", "walk"), (0.9, "walk", "ascend")]);
+        let [at, within] = stretches(&run, &[Peak::default(); 200]);
+        assert_eq!((at.len(), within.len()), (0, 1));
+    }
+
+    #[test]
+    fn percentiles_are_of_the_sorted_values() {
+        let peaks = summary((0..=100).rev().map(|value| value as f32).collect()).unwrap();
+        assert_eq!((peaks.n, peaks.p50, peaks.p95, peaks.max), (101, 50.0, 95.0, 100.0));
+        assert!(summary(Vec::new()).is_none());
+    }
+}

@@ -1,0 +1,133 @@
+//! What is fed to whom: bytes that anybody may have written, into every door that takes such bytes.
+//! A target returns whatever it is given; a panic, an abort or a value that must not get out is a bug.
+
+use std::path::Path;
+
+use vocaloco_core::bundle;
+use vocaloco_core::elevation::Elevation;
+use vocaloco_core::heightfield::{COLUMNS, Heightfield, ROWS};
+use vocaloco_core::lock::{PublicKey, Signature};
+use vocaloco_core::manifest::{Deployment, SkillManifest};
+use vocaloco_core::policy::PolicyNetwork;
+use vocaloco_core::predictor::{Predictor, Quantity};
+use vocaloco_core::robot::RobotModel;
+use vocaloco_core::stdio;
+
+/// A door: bytes in, nothing out.
+pub(crate) type Target = fn(&[u8]);
+
+/// Every target by the name of its corpus.
+pub(crate) const TARGETS: [(&str, Target); 8] = [
+    ("manifest", manifest),
+    ("deployment", deployment),
+    ("robot", robot),
+    ("model", model),
+    ("heightfield", heightfield),
+    ("line", line),
+    ("bundle", unpacked),
+    ("signature", signature),
+];
+
+/// What parts the MJCF from the TOML in an input of `robot`.
+pub(crate) const PART: &[u8] = b"\n=====\n";
+
+/// A skill's manifest.
+fn manifest(bytes: &[u8]) {
+    if let Ok(text) = String::from_utf8(bytes.to_vec())
+        && let Ok(manifest) = SkillManifest::parse(Path::new("manifests/skills/ascend.toml"), text)
+    {
+        assert!((0.0..=1.0).contains(&manifest.selection.viability_threshold));
+        assert!(manifest.command.forward_m_per_s.iter().all(|speed| speed.is_finite()));
+        assert!(!manifest.models.cot.has_root());
+    }
+}
+
+/// A deployment's manifest.
+fn deployment(bytes: &[u8]) {
+    if let Ok(text) = String::from_utf8(bytes.to_vec())
+        && let Ok(deployment) = Deployment::parse(Path::new("manifests/deployments/one.toml"), text)
+    {
+        assert!(
+            deployment.rate_hz.is_finite() && deployment.switch_window > 0 && !deployment.skills.is_empty()
+        );
+    }
+}
+
+/// A robot's MJCF and the TOML beside it.
+fn robot(bytes: &[u8]) {
+    let at = bytes.windows(PART.len()).position(|window| window == PART);
+    let (mjcf, settings) = at.map_or((bytes, &b""[..]), |at| (&bytes[..at], &bytes[at + PART.len()..]));
+    let read = |path: &Path| {
+        let is_mjcf = path.extension().is_some_and(|extension| extension == "xml");
+        Ok(if is_mjcf { mjcf } else { settings }.to_vec())
+    };
+    if let Ok(robot) = RobotModel::load_by(Path::new("robots"), "anymal_d", &read) {
+        assert!(robot.description.mass_kg.is_finite() && robot.joint_count() < 1000);
+    }
+}
+
+/// A model's file, in each of its places.
+fn model(bytes: &[u8]) {
+    let file = Path::new("model.onnx");
+    for quantity in [Quantity::Viability, Quantity::Cot] {
+        let _ = Predictor::from_bytes(bytes, file, quantity);
+    }
+    let _ = PolicyNetwork::from_bytes(bytes, file);
+}
+
+/// Heights as a sensor may send them: through the patch into the field that the networks see.
+fn heightfield(bytes: &[u8]) {
+    let mut numbers = bytes.as_chunks().0.iter().map(|&raw| f32::from_le_bytes(raw));
+    let mut raw = Heightfield { cells_m: [[0.0; COLUMNS]; ROWS] };
+    for cell in raw.cells_m.as_flattened_mut() {
+        *cell = numbers.next().unwrap_or(0.0);
+    }
+    let noise = numbers.next().map(|noise_m| [[noise_m; COLUMNS]; ROWS]);
+    if let Ok(field) = raw.prepare(noise.as_ref()) {
+        assert!(field.as_slice().iter().all(|height| height.is_finite()), "{:?}", field.as_slice());
+    }
+    let mut next = || f64::from(numbers.next().unwrap_or(1.0));
+    let elevation = Elevation {
+        t_s: next(),
+        resolution_m: next(),
+        back_m: next(),
+        front_m: next(),
+        half_width_m: next(),
+        height_m: raw.cells_m.as_flattened().to_vec(),
+    };
+    if let Ok(field) = elevation.heightfield() {
+        let _ = field
+            .prepare(None)
+            .map(|field| assert!(field.as_slice().iter().all(|height| height.is_finite())));
+    }
+}
+
+/// A line of `run --source stdio`.
+fn line(bytes: &[u8]) {
+    use std::sync::LazyLock;
+    static ROBOT: LazyLock<RobotModel> = LazyLock::new(|| {
+        let robots = Path::new(env!("CARGO_MANIFEST_DIR")).join("../manifests/robots");
+        RobotModel::load(&robots, "anymal_d").expect("the shipped robot")
+    });
+    if let Ok(observation) = stdio::parse(bytes, &ROBOT.description) {
+        assert!(observation.joint_position_rad.iter().all(|position| position.is_finite()));
+        if let Some(elevation) = &observation.elevation {
+            let _ = elevation.heightfield().map(|field| field.prepare(None));
+        }
+    }
+}
+
+/// A bundle.
+fn unpacked(bytes: &[u8]) {
+    if let Ok(bundle) = bundle::unpack(Path::new("a.skill"), bytes) {
+        assert!(!bundle.skill().is_empty() && !bundle.skill().contains('/'));
+    }
+}
+
+/// A signature's file, and a key in a deployment.
+fn signature(bytes: &[u8]) {
+    if let Ok(text) = std::str::from_utf8(bytes) {
+        let _ = Signature::parse(Path::new("a.lock.sig"), text);
+        let _ = text.parse::<PublicKey>();
+    }
+}
