@@ -134,7 +134,7 @@ mod tests {
         let mut times = TickTimes::new(50.0);
         assert_eq!((times.summary().p50_us, times.summary().max_us), (0.0, 0.0));
         times.add(Duration::ZERO);
-        times.add(Duration::from_secs(3600));
+        times.add(Duration::from_hours(1));
         assert_eq!(times.summary().max_us, 3.6e9);
         assert!(times.summary().p50_us <= 0.002);
     }
