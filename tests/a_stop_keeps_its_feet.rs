@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use vocaloco_core::heightfield::Field;
 use vocaloco_core::registry::{ModelPolicy, load_skill};
 use vocaloco_core::robot::RobotModel;
-use vocaloco_core::runtime::{Predict, Runtime, RuntimeConfig, Skill};
+use vocaloco_core::runtime::{CallFault, Predict, Runtime, RuntimeConfig, Skill};
 use vocaloco_core::selector::Prediction;
 use vocaloco_core::switch::Windows;
 use vocaloco_plugin_api::Command;
@@ -19,7 +19,7 @@ use vocaloco_tests::shipped;
 struct Scripted(Arc<AtomicBool>);
 
 impl Predict for Scripted {
-    fn predict(&mut self, _: &Field) -> (Prediction, Option<String>) {
+    fn predict(&mut self, _: &Field) -> (Prediction, Option<CallFault>) {
         let viability = if self.0.load(Ordering::Relaxed) { 1.0 } else { 0.0 };
         (Prediction { viability, cot: 0.5 }, None)
     }

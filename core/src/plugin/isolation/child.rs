@@ -162,7 +162,7 @@ impl ChildInstance {
     ) -> Result<(), SkillError> {
         let failed = |line: String| SkillError::new(ErrorCode::Internal, line);
         if let Some(ended) = &self.ended {
-            return Err(failed(ended.clone()));
+            return Err(failed(format!("found {ended}, wanted an answer")));
         }
         write_call(&mut self.bytes, call, state, command, joints);
         if !self.memory.write(0, &self.bytes) {
@@ -170,7 +170,7 @@ impl ChildInstance {
         }
         let answered = self.wire.write_all(&[1]).and_then(|()| self.wire.read_exact(&mut [0]));
         if let Err(error) = answered {
-            return Err(failed(self.end(&error, HUNG)));
+            return Err(failed(format!("found {}, wanted an answer", self.end(&error, HUNG))));
         }
         self.memory.read(1, &mut self.bytes);
         match call {
@@ -183,11 +183,11 @@ impl ChildInstance {
     fn end(&mut self, error: &io::Error, patience: Duration) -> String {
         let is_late = matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut);
         let ended = if is_late {
-            format!("found no answer for {} s, wanted one; its process was ended", patience.as_secs())
+            format!("no answer for {} s from its process, which was ended", patience.as_secs())
         } else {
             match self.status() {
-                Some(status) => format!("found its process {}, wanted an answer", how(status)),
-                None => format!("found its process silent ({error}), wanted an answer"),
+                Some(status) => format!("its process {}", how(status)),
+                None => format!("its process silent ({error})"),
             }
         };
         let _ = self.child.kill();

@@ -45,8 +45,8 @@ fn a_call_that_hangs_stands_within_the_tick_and_is_out_after_three() {
     assert!(third.events[0].starts_with("skill walk is taken out of service: reset: found no answer"));
     assert_eq!(third.skills[0].reason, Reason::TooSlow);
     // The budget was waited for once: a call that hangs is not waited for again.
-    let took = clock().saturating_sub(began);
-    assert!(took < Duration::from_millis(1400), "{took:?}");
+    let waited = clock().saturating_sub(began);
+    assert!(waited < Duration::from_millis(1400), "{waited:?}");
     assert_eq!(it.until("ascend"), 25, "the others go on");
     gate.open();
 }
