@@ -237,6 +237,7 @@ impl<'a> Training<'a> {
         let learner = &self.trainer.learner;
         let start = match &self.options.from_checkpoint {
             Some(path) => format!("the networks of `{}`", path.display()),
+            None if self.options.resume => "the run's own checkpoint".to_owned(),
             None => "random weights".to_owned(),
         };
         let experts: Vec<String> = self

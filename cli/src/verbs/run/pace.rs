@@ -23,6 +23,7 @@ impl Args {
     }
 
     /// The words of the command line that these arguments add.
+    #[cfg(feature = "sim")]
     pub(super) fn real_time_flag(&self) -> &'static str {
         if self.real_time { " --real-time" } else { "" }
     }
