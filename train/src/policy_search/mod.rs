@@ -116,7 +116,9 @@ fn changed_parameters(text: &str, changed: &BTreeMap<String, f64>) -> anyhow::Re
     let mut parameters: toml::Table = toml::from_str(text)?;
     for (parameter, value) in changed {
         let place = parameters.get_mut(parameter).with_context(|| {
-            format!("{parameter}: found no such parameter, wanted one of this file in expert_parameters")
+            format!(
+                "environment.expert_parameters.{parameter}: found no parameter of that name, wanted one of this file"
+            )
         })?;
         *place = toml::Value::Float(*value);
     }
