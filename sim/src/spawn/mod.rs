@@ -21,7 +21,7 @@ use crate::{
 
 /// What is drawn and what counts as valid. The default is METHOD, section 3.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(default, deny_unknown_fields)]
 pub struct SpawnRules {
     /// Half-width of the yaw about the terrain's direction, on directed terrain.
     pub yaw_rad: f32,
