@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 use serde_json::{Value, json};
-use vocaloco_tests::{Fixture, plugin_folder, shipped};
+use vocaloco_tests::{Fixture, plugin_folder, shipped, standing_line};
 
 fn vocaloco(root: &Path, arguments: &[&str], input: &str) -> Output {
     let mut child = Command::new(plugin_folder().join("vocaloco"))
@@ -33,42 +33,8 @@ fn lines(output: &Output) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).expect("one JSON object a line")).collect()
 }
 
-/// A sound line of the shipped robot at a tick, standing on flat ground.
-fn line(tick: u32) -> Value {
-    let t_s = f64::from(tick) / 50.0;
-    let joints: Vec<String> = ["LF", "RF", "LH", "RH"]
-        .iter()
-        .flat_map(|leg| ["HAA", "HFE", "KFE"].map(|joint| format!("{leg}_{joint}")))
-        .collect();
-    let stand = |name: &str| match (name.ends_with("HFE"), name.ends_with("KFE"), name.as_bytes()[1] == b'F')
-    {
-        (true, _, true) => 0.4,
-        (true, _, false) => -0.4,
-        (_, true, true) => -0.8,
-        (_, true, false) => 0.8,
-        _ => 0.0,
-    };
-    let by_joint = |value: &dyn Fn(&str) -> f64| {
-        Value::Object(joints.iter().map(|name| (name.clone(), json!(value(name)))).collect())
-    };
-    let row = vec![json!(-0.53); 29];
-    json!({
-        "t_s": t_s,
-        "joint_position_rad": by_joint(&stand),
-        "joint_velocity_rad_per_s": by_joint(&|_| 0.0),
-        "joint_torque_nm": by_joint(&|_| 0.0),
-        "foot_contact": {"LF_FOOT": true, "RF_FOOT": true, "LH_FOOT": true, "RH_FOOT": true},
-        "base_linear_velocity_m_per_s": [0, 0, 0],
-        "base_angular_velocity_rad_per_s": [0, 0, 0],
-        "projected_gravity": [0, 0, -1],
-        "elevation": {"t_s": t_s, "resolution_m": 0.05, "back_m": 1.2, "front_m": 2.2, "half_width_m": 0.7,
-                      "height_m": vec![row; 69]},
-        "command": {"velocity": [0.6, 0.0, 0.0]},
-    })
-}
-
 fn session(ticks: std::ops::Range<u32>) -> String {
-    ticks.map(|tick| line(tick).to_string() + "\n").collect()
+    ticks.map(|tick| standing_line(tick).to_string() + "\n").collect()
 }
 
 fn fixture() -> Fixture {
@@ -97,7 +63,7 @@ fn a_greeting_then_one_line_out_per_line_in_and_a_clean_stop() {
 
 #[test]
 fn a_malformed_line_is_answered_with_the_stand_and_the_exit_code_is_1() {
-    let mut spoiled = line(12);
+    let mut spoiled = standing_line(12);
     spoiled["joint_position_rad"].as_object_mut().expect("an object").remove("RH_KFE");
     let input = format!("{}{spoiled}\nnonsense\n{}", session(0..12), session(14..60));
     let output = vocaloco(fixture().root(), &RUN, &input);

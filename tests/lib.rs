@@ -5,10 +5,12 @@ use std::sync::OnceLock;
 
 mod installation;
 mod model;
+mod standing_line;
 mod walking;
 
 pub use installation::Fixture;
 pub use model::{PolicyModel, constant_model, constant_model_of_shape};
+pub use standing_line::standing_line;
 pub use walking::{Says, Walking};
 
 /// The folder with the libraries of all plugins, the shipped ones and those that misbehave for tests;

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
+use crate::decision_log::SetupSkill;
 use crate::heightfield::Field;
 use crate::selector::{Choice, Prediction, Reason};
 use crate::switch::Active;
@@ -91,6 +92,19 @@ pub struct Decision {
     /// Time spent, where it is measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub timings: Option<Timings>,
+    /// The skills from this tick on, where they have just changed; `skills` is theirs.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub roster: Option<Vec<RosterSkill>>,
+}
+
+/// A skill of a deployment whose skills have just changed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct RosterSkill {
+    /// Whether it takes part from now on; otherwise it goes on as it was.
+    pub is_new: bool,
+    /// What the selector knows of it.
+    #[serde(flatten)]
+    pub setup: SetupSkill,
 }
 
 impl Decision {

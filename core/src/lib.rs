@@ -9,6 +9,7 @@ pub mod heightfield;
 pub mod installation;
 pub mod lock;
 pub mod manifest;
+mod moves;
 pub mod observation;
 pub mod plugin;
 pub mod policy;

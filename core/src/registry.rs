@@ -164,10 +164,7 @@ fn load(
     let robot = Arc::new(RobotModel::load_by(&installation.robots_folder(), &deployment.robot, &read)?);
     let (mut skills, mut refused) = (Vec::new(), Vec::new());
     for skill in &deployment.skills {
-        let loaded = examine(installation, skill, &robot.description, ModelPolicy::Required, intake)
-            .map_err(|findings| first(installation, skill, findings))
-            .and_then(|loaded| fits_rate(installation, &deployment, loaded));
-        match loaded {
+        match load_deployed(installation, &deployment, skill, &robot.description, intake) {
             Ok(loaded) => skills.push(loaded),
             Err(refusal) => refused.push(refusal),
         }
@@ -178,6 +175,22 @@ fn load(
     Ok(LoadedDeployment { deployment, robot, skills, refused })
 }
 
+/// Loads one skill as `deployment` needs it.
+///
+/// # Errors
+/// The first thing that is wrong with it.
+pub(crate) fn load_deployed(
+    installation: &Installation,
+    deployment: &Deployment,
+    skill: &str,
+    robot: &RobotDescription,
+    intake: &Intake<'_>,
+) -> Result<LoadedSkill, Refusal> {
+    examine(installation, skill, robot, ModelPolicy::Required, intake)
+        .map_err(|findings| first(installation, skill, findings))
+        .and_then(|loaded| fits_rate(installation, deployment, loaded))
+}
+
 /// Reads a deployment's manifest alone.
 ///
 /// # Errors
@@ -186,7 +199,7 @@ pub fn read_deployment(installation: &Installation, name: &str) -> Result<Deploy
     deployment_through(installation, name, &Intake::open(&installation.root))
 }
 
-fn deployment_through(
+pub(crate) fn deployment_through(
     installation: &Installation,
     name: &str,
     intake: &Intake<'_>,

@@ -5,6 +5,7 @@ use vocaloco_plugin_api::Command;
 
 use crate::decision::{Decision, Forced, STAND, STOP};
 use crate::decision_log::Setup;
+use crate::moves::Moves;
 use crate::selector::{Choice, Prediction, Reason, Rule, Selector};
 use crate::switch::{Active, SwitchFilter, Windows};
 
@@ -28,18 +29,28 @@ impl Replayed {
 /// for a tick and a skill.
 ///
 /// What overruled the window then (unknown terrain, unusable measurements, a zero command) does so
-/// again; a plugin that failed, or was late, does so again if it is the active one in the same tick.
+/// again; a plugin that failed, or was late, does so again if it is the active one in the same tick. Skills that
+/// came while the loop ran come again, under the rules they had; those that went on keep `rules`.
 pub fn replay(
     rules: &[Rule],
     windows: Windows,
     decisions: &[Decision],
     mut predict: impl FnMut(&Decision, usize) -> Prediction,
 ) -> Vec<Replayed> {
-    let mut selector = Selector::new(rules.to_vec());
+    let mut rules = rules.to_vec();
+    let mut selector = Selector::new(rules.clone());
     let mut filter = SwitchFilter::new(windows);
     let (mut predictions, mut reasons) = (Vec::new(), Vec::new());
     let mut replayed = Vec::with_capacity(decisions.len());
     for decision in decisions {
+        if let Some(roster) = &decision.roster {
+            let after = roster.iter().map(|skill| (skill.setup.name.as_str(), skill.is_new));
+            let moves = Moves::between(rules.iter().map(|rule| rule.name.as_str()), after);
+            let before = std::mem::take(&mut rules);
+            rules = moves.carry(before, |skill| roster[skill].setup.rule()).0;
+            selector.adopt(rules.clone(), &moves);
+            filter.adopt(&moves);
+        }
         let forced = decision.forced;
         let mut choice = Choice::Stop;
         if matches!(forced, Some(Forced::Terrain | Forced::Observation)) {

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use vocaloco_plugin_api::{Command, CommandKind};
 
 use crate::manifest::CommandRange;
+use crate::moves::Moves;
 
 /// Unusable predictions in a row that take a skill out of service.
 pub const UNUSABLE_IN_A_ROW: u32 = 3;
@@ -162,6 +163,14 @@ impl Selector {
         self.unusable.fill(0);
         self.out_of_service.fill(None);
         self.winner = None;
+    }
+
+    /// Other skills from now on; what is known of those that go on stays known.
+    pub(crate) fn adopt(&mut self, rules: Vec<Rule>, moves: &Moves) {
+        self.rules = rules;
+        self.unusable = moves.carry(std::mem::take(&mut self.unusable), |_| 0).0;
+        self.out_of_service = moves.carry(std::mem::take(&mut self.out_of_service), |_| None).0;
+        self.winner = self.winner.and_then(|winner| moves.to(winner));
     }
 
     /// Judges every skill and chooses: of the viable ones the lowest cost of transport, of equal

@@ -3,6 +3,7 @@
 //! All of the window must agree before anything changes, which a run length expresses: the window
 //! agrees when the same choice came that many times in a row.
 
+use crate::moves::Moves;
 use crate::selector::Choice;
 
 /// Lengths of the windows, ticks.
@@ -94,6 +95,22 @@ impl SwitchFilter {
             _ => {}
         }
         self.active
+    }
+
+    /// Other skills from now on. A choice of one that is gone counts no more; when it is the active one, it
+    /// stops.
+    pub(crate) fn adopt(&mut self, moves: &Moves) {
+        if let Some(Choice::Skill(skill)) = self.last {
+            self.last = moves.to(skill).map(Choice::Skill);
+            self.run = if self.last.is_some() { self.run } else { 0 };
+        }
+        if let Active::Skill(skill) = self.active {
+            if let Some(skill) = moves.to(skill) {
+                self.active = Active::Skill(skill);
+            } else {
+                self.stop_now();
+            }
+        }
     }
 
     /// Stops now: a fault waits for no window. Counting starts anew.

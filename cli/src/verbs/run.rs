@@ -13,6 +13,7 @@ use anyhow::Context as _;
 use vocaloco_core::installation::Installation;
 use vocaloco_core::lock::{Lock, PublicKey};
 use vocaloco_core::registry::{LoadedDeployment, load_deployment, load_locked};
+use vocaloco_core::runtime::{Followed, Follower, Runtime};
 
 use super::Shared;
 use crate::exit::Exit;
@@ -23,6 +24,10 @@ use crate::exit::Exit;
 /// clean stop, and exit code 1 says that a line could not be used. `--source sim`: a course in the
 /// simulator. `--source replay:FILE`: decides the fields of a log over again and compares; exit
 /// code 1 when anything comes out otherwise.
+///
+/// From stdin, and with `--real-time`, the deployment's files are followed: a skill that it names anew, or whose
+/// manifest or models change, takes part within a second, one that is taken away ends in the stand; with
+/// `--locked`, once a new lock has it. A bad file changes nothing.
 ///
 /// Without `--real-time` the loop lives in the source's time: calls over their budget are counted, and a
 /// run repeats. With it such a call means stand, and the simulator keeps to the clock. What ticks took is
@@ -86,6 +91,24 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
             anyhow::bail!("--source: found sim, wanted stdio or replay:FILE in a build without `sim`")
         }
     }
+}
+
+/// The loop of the deployment, and why skills were refused.
+fn start(args: &Args, follows: bool) -> anyhow::Result<(Runtime, Vec<String>)> {
+    let installation = Installation::find().context("no installation")?;
+    let followed = Followed::now(&installation, &args.deployment);
+    let (loaded, refused) = load(args)?;
+    let supervision = args.supervision(loaded.deployment.deadlines);
+    let (deployment, robot) = (loaded.deployment.clone(), loaded.robot.clone());
+    let runtime = Runtime::new(loaded)?.supervised(supervision)?;
+    if !follows {
+        return Ok((runtime, refused));
+    }
+    let followed = if args.locked { followed.locked(args.trust.clone()) } else { followed };
+    let running: Vec<String> = runtime.rules().iter().map(|rule| rule.name.clone()).collect();
+    let follower = Follower::start(followed, deployment, robot, running, Some(supervision))
+        .context("found no thread to follow the deployment's files on, wanted one")?;
+    Ok((runtime.following(follower), refused))
 }
 
 /// The deployment, each refused skill named on stderr, and those lines.

@@ -211,5 +211,7 @@ const DECISION_SCHEMA: &str = r#"{"title":"vocaloco.Decision","type":"object","p
 "reason":{"type":"object","properties":{"code":{"type":"string"}}}}}},
 "choice":{"type":"string"},"active":{"type":"string"},"stopped":{"type":"boolean"},"forced":{"type":"string"},
 "reason":{"type":"string"},"events":{"type":"array","items":{"type":"string"}},
+"roster":{"type":"array","items":{"type":"object","properties":{"name":{"type":"string"},
+"is_new":{"type":"boolean"},"viability_threshold":{"type":"number"}}}},
 "timings":{"type":"object","properties":{"predict_us":{"type":"number"},"act_us":{"type":"number"},
 "total_us":{"type":"number"}}}}}"#;

@@ -55,13 +55,6 @@ impl Setup {
     pub fn of(runtime: &Runtime, deployment: &str) -> Self {
         let config = runtime.config();
         let backend = crate::predictor::backend();
-        let skill = |rule: &Rule| SetupSkill {
-            name: rule.name.clone(),
-            viability_threshold: rule.viability_threshold,
-            cost_margin: rule.cost_margin,
-            position_target: rule.command.kind == CommandKind::PositionTarget,
-            forward_m_per_s: rule.command.forward_m_per_s,
-        };
         Self {
             schema: SCHEMA,
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -72,7 +65,7 @@ impl Setup {
             switch_window: config.windows.switch,
             stop_window: config.windows.stop,
             resume_window: config.windows.resume,
-            skills: runtime.rules().iter().map(skill).collect(),
+            skills: runtime.rules().iter().map(SetupSkill::of).collect(),
         }
     }
 
@@ -83,16 +76,30 @@ impl Setup {
 
     /// The selector's rules.
     pub fn rules(&self) -> Vec<Rule> {
-        let rule = |skill: &SetupSkill| Rule {
-            name: skill.name.clone(),
-            viability_threshold: skill.viability_threshold,
-            cost_margin: skill.cost_margin,
-            command: CommandRange {
-                kind: if skill.position_target { CommandKind::PositionTarget } else { CommandKind::Velocity },
-                forward_m_per_s: skill.forward_m_per_s,
-                target_distance_m: None,
-            },
-        };
-        self.skills.iter().map(rule).collect()
+        self.skills.iter().map(SetupSkill::rule).collect()
+    }
+}
+
+impl SetupSkill {
+    /// What the selector knows of a skill.
+    pub fn of(rule: &Rule) -> Self {
+        Self {
+            name: rule.name.clone(),
+            viability_threshold: rule.viability_threshold,
+            cost_margin: rule.cost_margin,
+            position_target: rule.command.kind == CommandKind::PositionTarget,
+            forward_m_per_s: rule.command.forward_m_per_s,
+        }
+    }
+
+    /// The selector's rule.
+    pub fn rule(&self) -> Rule {
+        let kind = if self.position_target { CommandKind::PositionTarget } else { CommandKind::Velocity };
+        Rule {
+            name: self.name.clone(),
+            viability_threshold: self.viability_threshold,
+            cost_margin: self.cost_margin,
+            command: CommandRange { kind, forward_m_per_s: self.forward_m_per_s, target_distance_m: None },
+        }
     }
 }

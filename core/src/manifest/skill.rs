@@ -58,6 +58,14 @@ pub struct Models {
     pub cot: PathBuf,
 }
 
+impl Models {
+    /// Every file that is named.
+    pub fn paths(&self) -> impl Iterator<Item = &Path> {
+        let named = [self.policy.as_ref(), self.parameters.as_ref(), Some(&self.viability), Some(&self.cot)];
+        named.into_iter().flatten().map(PathBuf::as_path)
+    }
+}
+
 /// How the selector treats a skill.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Selection {

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex};
 
 use abi_stable::std_types::ROption;
-use vocaloco_plugin_api::{Command, ErrorCode, Needs, RobotState, SkillError, TerrainPatch};
+use vocaloco_plugin_api::{Command, CommandKind, ErrorCode, Needs, RobotState, SkillError, TerrainPatch};
 
 use super::*;
 use crate::elevation::Elevation;

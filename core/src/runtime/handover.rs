@@ -3,6 +3,7 @@
 use vocaloco_plugin_api::JointTarget;
 
 use super::Runtime;
+use crate::moves::Moves;
 use crate::observation::Observation;
 use crate::switch::Active;
 
@@ -38,6 +39,11 @@ impl Handover {
     pub(super) const fn end(&mut self) {
         self.left = 0;
         self.outgoing = None;
+    }
+
+    /// Other skills from now on: one that is gone acts no more, its last targets fade.
+    pub(super) fn adopt(&mut self, moves: &Moves) {
+        self.outgoing = self.outgoing.and_then(|outgoing| moves.to(outgoing));
     }
 
     /// Begins at the targets that were sent last.

@@ -7,8 +7,10 @@ mod deadline;
 mod drive;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod follow;
 mod handover;
 mod perceive;
+mod roster;
 mod skill;
 #[cfg(test)]
 mod tests;
@@ -17,12 +19,15 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use thiserror::Error;
-use vocaloco_plugin_api::{CommandKind, JointTarget};
+use vocaloco_plugin_api::JointTarget;
 
 use deadline::{Overruns, WatchedController, WatchedPredictors};
 pub use deadline::{Pace, Supervision, TickSummary, TickTimes};
+pub use follow::{Followed, Follower};
 use handover::Handover;
 pub use handover::Switching;
+use roster::Pending;
+pub use roster::{Place, Roster};
 use skill::Limits;
 pub use skill::{CallFault, Controller, Networks, Predict, Skill};
 
@@ -32,7 +37,7 @@ use crate::observation::{Observation, ObservationFault, Required};
 use crate::plugin::PluginError;
 use crate::registry::LoadedDeployment;
 use crate::robot::RobotModel;
-use crate::selector::{Choice, Prediction, Reason, Selector};
+use crate::selector::{Choice, Prediction, Reason, Rule, Selector};
 use crate::stand::{Sensed, Stand};
 use crate::switch::{Active, SwitchFilter, Windows};
 
@@ -97,6 +102,8 @@ pub struct Runtime {
     selector: Selector,
     filter: SwitchFilter,
     stand: Stand,
+    follower: Option<Follower>,
+    pending: Pending,
     supervision: Option<Supervision>,
     times: TickTimes,
     overruns: Overruns,
@@ -126,16 +133,7 @@ impl Runtime {
         let config = RuntimeConfig::from(&loaded.deployment);
         let mut skills = Vec::new();
         for skill in loaded.skills {
-            let rule = Skill::rule_of(&skill.manifest);
-            if rule.command.kind == CommandKind::PositionTarget {
-                return Err(RuntimeError::PositionTarget(rule.name));
-            }
-            let controller = Box::new(skill.create(&loaded.robot.description)?);
-            let needs = skill.needs;
-            let (Some(viability), Some(cot)) = (skill.viability, skill.cot) else {
-                return Err(RuntimeError::NoPredictors(rule.name));
-            };
-            skills.push(Skill { rule, needs, controller, predictors: Box::new(Networks { viability, cot }) });
+            skills.push(Skill::of(skill, &loaded.robot.description)?);
         }
         Ok(Self::from_skills(config, loaded.robot, skills).with_switching(loaded.deployment.switching))
     }
@@ -144,20 +142,9 @@ impl Runtime {
     pub fn from_skills(config: RuntimeConfig, robot: Arc<RobotModel>, skills: Vec<Skill>) -> Self {
         let joints = vec![JointTarget::default(); robot.joint_count()];
         let skill_count = skills.len();
-        let required = Required {
-            joint_torques: skills.iter().any(|skill| skill.needs.joint_torques),
-            foot_contacts: skills.iter().any(|skill| skill.needs.foot_contacts),
-            base_in_odom: false,
-        };
-        let verdict = |skill: &Skill| SkillVerdict {
-            name: skill.rule.name.clone(),
-            viability: None,
-            cot: None,
-            viable: false,
-            reason: Reason::NoObservation,
-        };
+        let verdicts = skills.iter().map(|skill| unseen(&skill.rule)).collect();
         Self {
-            decision: Decision { skills: skills.iter().map(verdict).collect(), ..Decision::default() },
+            decision: Decision { skills: verdicts, ..Decision::default() },
             limits: Limits::of(&robot.description),
             selector: Selector::new(skills.iter().map(|skill| skill.rule.clone()).collect()),
             filter: SwitchFilter::new(config.windows),
@@ -166,10 +153,12 @@ impl Runtime {
             reasons: Vec::with_capacity(skills.len()),
             candidate: joints.clone(),
             joints,
+            required: required(&skills),
             skills,
-            required,
             config,
             robot,
+            follower: None,
+            pending: Pending::default(),
             supervision: None,
             times: TickTimes::new(config.rate_hz),
             overruns: Overruns::new(config.rate_hz, skill_count),
@@ -233,7 +222,7 @@ impl Runtime {
     }
 
     /// The selector's rules, in the deployment's order.
-    pub fn rules(&self) -> &[crate::selector::Rule] {
+    pub fn rules(&self) -> &[Rule] {
         self.selector.rules()
     }
 
@@ -251,8 +240,9 @@ impl Runtime {
         }
     }
 
-    /// One tick. An observation that cannot be used stands, as [`fault_tick`](Self::fault_tick).
+    /// One tick, with the skills that a [`Follower`] has ready. An observation that cannot be used stands, as [`fault_tick`](Self::fault_tick).
     pub fn tick(&mut self, observation: &Observation) -> Tick<'_> {
+        self.follow_up();
         if let Err(fault) = self.check(observation) {
             if observation.t_s.is_finite() {
                 // Only the tick in which time jumps back is at fault, not all that follow.
@@ -278,6 +268,7 @@ impl Runtime {
 
     /// A tick without a usable observation: the robot stands, at once.
     pub fn fault_tick(&mut self, fault: &ObservationFault) -> Tick<'_> {
+        self.follow_up();
         let began = self.now();
         self.begin(self.last_t_s.unwrap_or(0.0), [0.0; 3]);
         self.decision.heightfield_hash.clear();
@@ -285,13 +276,8 @@ impl Runtime {
         self.decision.events.push(fault.to_string());
         for (skill, verdict) in self.decision.skills.iter_mut().enumerate() {
             let reason = self.selector.out_of_service(skill).unwrap_or(Reason::NoObservation);
-            *verdict = SkillVerdict {
-                name: std::mem::take(&mut verdict.name),
-                viability: None,
-                cot: None,
-                viable: false,
-                reason,
-            };
+            let name = std::mem::take(&mut verdict.name);
+            *verdict = SkillVerdict { name, viability: None, cot: None, viable: false, reason };
         }
         self.force(Forced::Observation);
         if self.drives.is_some() {
@@ -330,6 +316,8 @@ impl Runtime {
         decision.command = command;
         decision.forced = None;
         decision.events.clear();
+        decision.events.append(&mut self.pending.events);
+        decision.roster = self.pending.roster.take();
         self.is_late = false;
         self.ticks += 1;
     }
@@ -360,6 +348,26 @@ impl Runtime {
         );
         self.decision.stopped = self.filter.is_stopped();
         self.decision.explain(choice, active, self.filter.agreement());
+    }
+}
+
+/// What every observation must hold for these skills.
+fn required(skills: &[Skill]) -> Required {
+    Required {
+        joint_torques: skills.iter().any(|skill| skill.needs.joint_torques),
+        foot_contacts: skills.iter().any(|skill| skill.needs.foot_contacts),
+        base_in_odom: false,
+    }
+}
+
+/// The verdict on a skill that nothing was predicted for yet.
+fn unseen(rule: &Rule) -> SkillVerdict {
+    SkillVerdict {
+        name: rule.name.clone(),
+        viability: None,
+        cot: None,
+        viable: false,
+        reason: Reason::NoObservation,
     }
 }
 

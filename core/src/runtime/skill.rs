@@ -2,13 +2,16 @@
 
 use std::time::Duration;
 
-use vocaloco_plugin_api::{Command, JointTarget, Needs, RobotDescription, RobotState, SkillError};
+use vocaloco_plugin_api::{
+    Command, CommandKind, JointTarget, Needs, RobotDescription, RobotState, SkillError,
+};
 
 use super::{RuntimeError, WatchedController, WatchedPredictors};
 use crate::heightfield::Field;
 use crate::manifest::SkillManifest;
 use crate::plugin::PluginInstance;
 use crate::predictor::Predictor;
+use crate::registry::LoadedSkill;
 use crate::selector::{Prediction, Rule};
 
 /// Why a call came to nothing.
@@ -106,6 +109,23 @@ pub struct Skill {
 }
 
 impl Skill {
+    /// A loaded skill with an instance of its plugin made.
+    ///
+    /// # Errors
+    /// The plugin refuses, the skill lacks its predictors or takes position targets.
+    pub fn of(loaded: LoadedSkill, robot: &RobotDescription) -> Result<Self, RuntimeError> {
+        let rule = Self::rule_of(&loaded.manifest);
+        if rule.command.kind == CommandKind::PositionTarget {
+            return Err(RuntimeError::PositionTarget(rule.name));
+        }
+        let controller = Box::new(loaded.create(robot)?);
+        let (Some(viability), Some(cot)) = (loaded.viability, loaded.cot) else {
+            return Err(RuntimeError::NoPredictors(rule.name));
+        };
+        let predictors = Box::new(Networks { viability, cot });
+        Ok(Self { rule, needs: loaded.needs, controller, predictors })
+    }
+
     /// The same with its calls on threads of their own and budgets for them.
     pub(super) fn watched(self, act: Duration, predict: Duration) -> Result<Self, RuntimeError> {
         let name = &self.rule.name;

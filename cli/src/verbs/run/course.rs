@@ -3,7 +3,7 @@
 use serde::Serialize;
 use vocaloco_core::decision_log::{LogWriter, Setup};
 use vocaloco_core::predictor::backend;
-use vocaloco_core::runtime::{Runtime, TickSummary};
+use vocaloco_core::runtime::TickSummary;
 use vocaloco_plugin_api::Command;
 use vocaloco_sim::course::{
     CourseConfig, CourseError, CourseRun, CourseStage, Outcome, Pilot, PilotTick, SelectorPilot, Switch,
@@ -14,7 +14,7 @@ use vocaloco_sim::plant::Plant;
 use vocaloco_sim::terrain::CourseKind;
 
 use super::pace::{self, Metronome};
-use super::{Args, load};
+use super::{Args, start};
 use crate::exit::Exit;
 use crate::{output, progress};
 
@@ -78,9 +78,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         field_noise_m: course.field_noise_m,
         ..CourseConfig::demo(course.course, course.size_m, args.shared.seed)
     };
-    let (loaded, refused) = load(args)?;
-    let supervision = args.supervision(loaded.deployment.deadlines);
-    let mut runtime = Runtime::new(loaded)?.supervised(supervision)?;
+    let (mut runtime, refused) = start(args, args.real_time)?;
     let metronome = args.real_time.then(|| Metronome::new(runtime.config().rate_hz));
     let setup = Setup::of(&runtime, &args.deployment);
     let spinner = progress::spinner("driving");

@@ -55,6 +55,13 @@ pub(super) fn run(args: &Args, file: &Path) -> anyhow::Result<Exit> {
         );
     }
     let recorded = DecisionLog::read(file)?;
+    if let Some(changed) = recorded.decisions.iter().find(|decision| decision.roster.is_some()) {
+        anyhow::bail!(
+            "{}: found other skills from {:.2} s on, wanted the record of one set of skills",
+            file.display(),
+            changed.t_s
+        );
+    }
     let (loaded, _) = load(args)?;
     let mut fresh = Fresh::of(loaded);
     let windows = fresh.config.windows;

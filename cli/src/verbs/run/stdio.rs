@@ -4,16 +4,13 @@ use std::io;
 use std::ops::ControlFlow;
 
 use vocaloco_core::decision_log::{LogError, LogWriter, Setup};
-use vocaloco_core::runtime::Runtime;
 use vocaloco_core::stdio::{Greeting, serve};
 
-use super::{Args, load, pace};
+use super::{Args, pace, start};
 use crate::exit::Exit;
 
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
-    let (loaded, refused) = load(args)?;
-    let supervision = args.supervision(loaded.deployment.deadlines);
-    let mut runtime = Runtime::new(loaded)?.supervised(supervision)?;
+    let (mut runtime, refused) = start(args, true)?;
     let greeting = Greeting::of(&runtime, &args.deployment, refused);
     let setup = Setup::of(&runtime, &args.deployment);
     let mut log = args.log.as_deref().map(|file| LogWriter::create(file, &setup)).transpose()?;

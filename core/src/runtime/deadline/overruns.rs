@@ -1,5 +1,7 @@
 //! When calls over their budget take a skill out of service.
 
+use crate::moves::Moves;
+
 /// Calls over their budget within a second that take a skill out of service.
 const WITHIN_A_SECOND: usize = 3;
 
@@ -24,6 +26,11 @@ impl Overruns {
         last.rotate_left(1);
         last[WITHIN_A_SECOND - 2] = Some(tick);
         is_last
+    }
+
+    /// Other skills from now on.
+    pub(crate) fn adopt(&mut self, moves: &Moves) {
+        self.last = moves.carry(std::mem::take(&mut self.last), |_| [None; WITHIN_A_SECOND - 1]).0;
     }
 
     /// Forgets them all.

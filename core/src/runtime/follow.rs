@@ -1,0 +1,254 @@
+//! The files of a running deployment, looked at in the background: skills that are added, changed or
+//! removed are loaded there and handed to the loop between two ticks.
+//!
+//! A bad file changes nothing but the events of the next decision. Under a lock only what a lock on disk
+//! has, signed as demanded, is taken.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::time::{Duration, SystemTime};
+
+use super::{Pace, Place, Roster, Skill, Supervision};
+use crate::installation::Installation;
+use crate::lock::{Intake, Lock, PublicKey};
+use crate::manifest::{Deployment, Finding, SkillManifest};
+use crate::plugin::library_file_name;
+use crate::registry::{deployment_through, load_deployed};
+use crate::robot::RobotModel;
+
+/// Time between two looks at the files. A change is taken up when a second look finds no other.
+const EVERY: Duration = Duration::from_millis(100);
+
+/// What the skills of a deployment are made of, as it lies on disk at one moment.
+#[derive(Clone, Debug)]
+pub struct Followed {
+    installation: Installation,
+    name: String,
+    keys: Option<Vec<PublicKey>>,
+    seen: Seen,
+}
+
+impl Followed {
+    /// The files as they are now, to be called before they are loaded: what changes meanwhile is not lost.
+    pub fn now(installation: &Installation, name: &str) -> Self {
+        let seen = Seen::look(installation, name);
+        Self { installation: installation.clone(), name: name.to_owned(), keys: None, seen }
+    }
+
+    /// Takes skills only from a lock, which one of `keys` must have signed where there are any, besides
+    /// one of the deployment's own.
+    #[must_use]
+    pub fn locked(mut self, keys: Vec<PublicKey>) -> Self {
+        self.keys = Some(keys);
+        self
+    }
+}
+
+/// Follows a deployment's files from a thread of its own.
+#[derive(Debug)]
+pub struct Follower {
+    changes: Receiver<Roster>,
+    gone: Sender<Vec<Skill>>,
+}
+
+impl Follower {
+    /// Starts with what runs now: `deployment` on `robot`, and the names of those of its skills that were
+    /// sound.
+    ///
+    /// # Errors
+    /// The system gives no thread.
+    pub fn start(
+        followed: Followed,
+        deployment: Deployment,
+        robot: Arc<RobotModel>,
+        running: impl IntoIterator<Item = String>,
+        supervision: Option<Supervision>,
+    ) -> std::io::Result<Self> {
+        let (found, changes) = channel();
+        let (gone, dropped) = channel();
+        let running = running.into_iter().collect();
+        let judged = followed.seen.skills.clone();
+        let mut watch = Watch { followed, deployment, robot, running, judged, supervision, settling: None };
+        std::thread::Builder::new().name("follow".to_owned()).spawn(move || {
+            // What the loop lets go of is dropped here; without a loop there is nothing to follow for.
+            while !matches!(dropped.recv_timeout(EVERY), Err(RecvTimeoutError::Disconnected)) {
+                if let Some(roster) = watch.look()
+                    && found.send(roster).is_err()
+                {
+                    break;
+                }
+            }
+        })?;
+        Ok(Self { changes, gone })
+    }
+
+    /// What has changed since it was asked last; never waits.
+    pub(super) fn changed(&mut self) -> Option<Roster> {
+        self.changes.try_recv().ok()
+    }
+
+    /// Takes skills to drop them on its own thread.
+    pub(super) fn retire(&self, gone: Vec<Skill>) {
+        // A thread that is gone drops nothing; then they are dropped here.
+        let _ = self.gone.send(gone);
+    }
+}
+
+/// A file at one moment; none is not there.
+type Stamp = Option<(SystemTime, u64)>;
+
+/// The files of a skill, at one moment.
+type Files = BTreeMap<PathBuf, Stamp>;
+
+/// All the files that count, at one moment.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Seen {
+    deployment: Stamp,
+    lock: [Stamp; 2],
+    skills: BTreeMap<String, Files>,
+}
+
+impl Seen {
+    fn look(installation: &Installation, name: &str) -> Self {
+        let file = installation.deployment_file(name);
+        let skills = Deployment::read(&file).map(|deployment| deployment.skills).unwrap_or_default();
+        Self {
+            deployment: stamp(&file),
+            lock: ["lock", "lock.sig"].map(|extension| stamp(&file.with_extension(extension))),
+            skills: skills.into_iter().map(|skill| (skill.clone(), files(installation, &skill))).collect(),
+        }
+    }
+}
+
+fn stamp(path: &Path) -> Stamp {
+    let about = std::fs::metadata(path).ok()?;
+    Some((about.modified().ok()?, about.len()))
+}
+
+/// The manifest of a skill, the files it names and the places its plugin may lie in.
+fn files(installation: &Installation, skill: &str) -> Files {
+    let file = installation.skill_file(skill);
+    let mut paths = BTreeSet::from([file.clone()]);
+    if let Ok(manifest) = SkillManifest::read(&file) {
+        let folder = installation.skill_folder(skill);
+        paths.extend(manifest.models.paths().map(|path| folder.join(path)));
+        let library = library_file_name(&manifest.plugin);
+        paths.extend(installation.plugin_path_of(skill).iter().map(|folder| folder.join(&library)));
+    }
+    paths.into_iter().map(|path| (path.clone(), stamp(&path))).collect()
+}
+
+/// The thread's own state.
+struct Watch {
+    followed: Followed,
+    deployment: Deployment,
+    robot: Arc<RobotModel>,
+    /// Skills that the loop has, or is about to get.
+    running: BTreeSet<String>,
+    /// The files with which each skill was last found sound or not.
+    judged: BTreeMap<String, Files>,
+    supervision: Option<Supervision>,
+    /// A change that may not be complete yet.
+    settling: Option<Seen>,
+}
+
+impl Watch {
+    /// The skills as they should be, when that is news.
+    fn look(&mut self) -> Option<Roster> {
+        let Followed { installation, name, seen, .. } = &self.followed;
+        let now = Seen::look(installation, name);
+        if now == *seen {
+            self.settling = None;
+            return None;
+        }
+        if self.settling.as_ref() != Some(&now) {
+            self.settling = Some(now);
+            return None;
+        }
+        let before = std::mem::replace(&mut self.followed.seen, now);
+        self.settling = None;
+        let roster = self.take_up(before.lock);
+        Some(roster.unwrap_or_else(|finding| Roster {
+            places: self.running.iter().cloned().map(Place::Kept).collect(),
+            events: vec![format!("{finding}; the skills go on as they were")],
+        }))
+    }
+
+    /// Loads what differs from what was judged; `locked` is the lock of the look before.
+    fn take_up(&mut self, locked: [Stamp; 2]) -> Result<Roster, Finding> {
+        let Followed { installation, name, keys, seen } = &self.followed;
+        let lock = keys.as_ref().map(|_| Lock::read(installation, name)).transpose()?;
+        let intake = match &lock {
+            Some(lock) => Intake::locked(&installation.root, lock),
+            None => Intake::open(&installation.root),
+        };
+        let deployment = deployment_through(installation, name, &intake)?;
+        if let (Some(lock), Some(keys)) = (&lock, keys) {
+            lock.check_signature(keys)?;
+            lock.check_signature(&deployment.trusted_keys)?;
+        }
+        let mut events = Vec::new();
+        if self.differs_otherwise(&deployment) {
+            let file = deployment.file.strip_prefix(&installation.root).unwrap_or(&deployment.file);
+            events.push(format!("{}: found other settings, taken up at the next start", file.display()));
+        }
+        let is_relocked = lock.is_some() && locked != seen.lock;
+        let mut places = Vec::new();
+        for skill in &deployment.skills {
+            let runs = self.running.contains(skill);
+            let is_same = seen.skills.get(skill) == self.judged.get(skill);
+            if is_same && (runs || !is_relocked) {
+                // One that was refused as it is now would be refused again.
+                places.extend(runs.then(|| Place::Kept(skill.clone())));
+                continue;
+            }
+            if stamp(&installation.skill_file(skill)).is_none() {
+                events.push(format!("skill {skill} is gone: it has no manifest any more"));
+                continue;
+            }
+            let loaded = load_deployed(installation, &deployment, skill, &self.robot.description, &intake);
+            match loaded.map_err(|refusal| refusal.to_string()).and_then(|loaded| self.ready(loaded)) {
+                Ok(ready) => {
+                    events.push(format!("skill {skill} takes part from now on"));
+                    places.push(Place::New(ready));
+                }
+                Err(line) if runs => {
+                    events.push(format!("{line}; it goes on as it was"));
+                    places.push(Place::Kept(skill.clone()));
+                }
+                Err(line) => events.push(line),
+            }
+        }
+        for skill in self.running.iter().filter(|skill| !deployment.skills.contains(skill)) {
+            events.push(format!("skill {skill} is gone: its deployment names it no more"));
+        }
+        self.judged.clone_from(&seen.skills);
+        self.running = places
+            .iter()
+            .map(|place| match place {
+                Place::Kept(name) => name.clone(),
+                Place::New(skill) => skill.rule.name.clone(),
+            })
+            .collect();
+        Ok(Roster { places, events })
+    }
+
+    fn ready(&self, loaded: crate::registry::LoadedSkill) -> Result<Skill, String> {
+        let skill = Skill::of(loaded, &self.robot.description).map_err(|error| error.to_string())?;
+        match self.supervision {
+            Some(supervision) if supervision.pace == Pace::Real => {
+                skill.watched(supervision.act(), supervision.predict()).map_err(|error| error.to_string())
+            }
+            _ => Ok(skill),
+        }
+    }
+
+    /// Whether more than the skills is not as at the start; budgets follow the number of skills.
+    fn differs_otherwise(&self, now: &Deployment) -> bool {
+        let started =
+            Deployment { skills: now.skills.clone(), deadlines: now.deadlines, ..self.deployment.clone() };
+        started != *now
+    }
+}

@@ -1,0 +1,207 @@
+//! Skills that come and go between two ticks.
+
+use super::{Follower, Runtime, Skill, required, unseen};
+use crate::decision::RosterSkill;
+use crate::decision_log::SetupSkill;
+use crate::moves::Moves;
+use crate::selector::Prediction;
+use crate::stand::Sensed;
+use crate::switch::Active;
+
+/// The skills of a deployment as they shall be from the next tick on.
+pub struct Roster {
+    /// One a skill, in the deployment's order.
+    pub places: Vec<Place>,
+    /// What happened, for people; part of the next decision.
+    pub events: Vec<String>,
+}
+
+/// A skill in a changed deployment.
+pub enum Place {
+    /// The one of this name goes on as it is; without one the place is empty.
+    Kept(String),
+    /// This one takes part from now on, in place of one of its name.
+    New(Skill),
+}
+
+/// What the next decision says of a change.
+#[derive(Debug, Default)]
+pub(super) struct Pending {
+    pub(super) events: Vec<String>,
+    pub(super) roster: Option<Vec<RosterSkill>>,
+}
+
+impl Runtime {
+    /// Takes over what `follower` finds changed, at the start of a tick.
+    #[must_use]
+    pub fn following(mut self, follower: Follower) -> Self {
+        self.follower = Some(follower);
+        self
+    }
+
+    pub(super) fn follow_up(&mut self) {
+        let Some(roster) = self.follower.as_mut().and_then(Follower::changed) else { return };
+        let gone = self.adopt(roster);
+        if let Some(follower) = &self.follower {
+            follower.retire(gone);
+        }
+    }
+
+    /// Other skills from the next tick on; those that are gone, to be dropped where time does not matter.
+    ///
+    /// A skill that goes on keeps its state, its place in the window and its faults. When the active one
+    /// is gone or replaced, the robot stands, as at a stop.
+    pub fn adopt(&mut self, roster: Roster) -> Vec<Skill> {
+        let Roster { places, mut events } = roster;
+        let is_here = |name: &str| self.skills.iter().any(|skill| skill.rule.name == name);
+        let places: Vec<Place> = places
+            .into_iter()
+            .filter(|place| !matches!(place, Place::Kept(name) if !is_here(name)))
+            .collect();
+        let names = places.iter().map(|place| match place {
+            Place::Kept(name) => Some(name),
+            Place::New(_) => None,
+        });
+        if names.eq(self.skills.iter().map(|skill| Some(&skill.rule.name))) {
+            self.pending.events.append(&mut events);
+            return Vec::new();
+        }
+        let after = places.iter().map(|place| match place {
+            Place::Kept(name) => (name.as_str(), false),
+            Place::New(skill) => (skill.rule.name.as_str(), true),
+        });
+        let before = self.skills.iter().map(|skill| skill.rule.name.as_str());
+        let moves = Moves::between(before, after);
+        if let Active::Skill(active) = self.filter.active()
+            && moves.to(active).is_none()
+        {
+            events.push(format!("skill {} is gone while it drives: stop", self.skills[active].rule.name));
+        }
+        let news: Vec<bool> = places.iter().map(|place| matches!(place, Place::New(_))).collect();
+        let mut places: Vec<Option<Skill>> = places
+            .into_iter()
+            .map(|place| match place {
+                Place::Kept(_) => None,
+                Place::New(skill) => Some(skill),
+            })
+            .collect();
+        let before = std::mem::take(&mut self.skills).into_iter().map(Some).collect();
+        let (skills, gone) = moves.carry(before, |place| places[place].take());
+        self.skills = skills.into_iter().flatten().collect();
+
+        let rules: Vec<_> = self.skills.iter().map(|skill| skill.rule.clone()).collect();
+        let entry = |(is_new, rule)| RosterSkill { is_new, setup: SetupSkill::of(rule) };
+        self.pending.roster = Some(news.into_iter().zip(&rules).map(entry).collect());
+        self.pending.events.append(&mut events);
+        self.decision.skills = rules.iter().map(unseen).collect();
+        self.predictions = vec![Prediction::NONE; rules.len()];
+        self.required = required(&self.skills);
+        self.selector.adopt(rules, &moves);
+        self.filter.adopt(&moves);
+        self.overruns.adopt(&moves);
+        self.handover.adopt(&moves);
+        if let Some(Active::Skill(driver)) = self.drives {
+            match moves.to(driver) {
+                Some(driver) => self.drives = Some(Active::Skill(driver)),
+                None => self.stand(Sensed::default()),
+            }
+        }
+        gone.into_iter().flatten().collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decision_log::Setup;
+    use crate::replay::as_recorded;
+    use crate::runtime::fixture::{Loop, fake, skill};
+    use crate::selector::Reason;
+
+    fn roster(places: Vec<Place>) -> Roster {
+        Roster { places, events: vec!["changed".into()] }
+    }
+
+    fn kept(name: &str) -> Place {
+        Place::Kept(name.into())
+    }
+
+    #[test]
+    fn a_skill_that_comes_takes_part_and_the_active_one_is_not_disturbed() {
+        let walk = fake(0.99, 0.3);
+        let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &fake(0.99, 0.9))]);
+        it.until("walk");
+        let trot = fake(0.99, 0.2);
+        let places = vec![Place::New(skill("trot", &trot)), kept("ascend"), kept("walk")];
+        assert!(it.runtime.adopt(roster(places)).is_empty(), "nobody is gone");
+        let decision = it.tick();
+        assert_eq!((decision.active.as_str(), decision.choice.as_str()), ("walk", "trot"));
+        let names: Vec<_> = decision.skills.iter().map(|skill| skill.name.as_str()).collect();
+        assert_eq!(names, ["trot", "ascend", "walk"], "the deployment's order");
+        assert_eq!(decision.events, ["changed"]);
+        assert_eq!(decision.roster.as_ref().map(Vec::len), Some(3));
+        assert_eq!(it.tick().roster, None, "said once");
+        assert_eq!(it.until("trot"), 8);
+        assert_eq!(walk.with(|script| script.resets), 1, "walk went on without a reset");
+    }
+
+    #[test]
+    fn an_active_skill_that_goes_ends_in_the_stand_and_another_takes_over() {
+        let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.3)), skill("trot", &fake(0.99, 0.2))]);
+        it.until("trot");
+        let gone = it.runtime.adopt(roster(vec![kept("walk")]));
+        assert_eq!(gone.len(), 1);
+        let decision = it.tick();
+        assert_eq!((decision.active.as_str(), decision.choice.as_str()), ("stand", "walk"));
+        assert!(decision.events.contains(&"skill trot is gone while it drives: stop".to_owned()));
+        assert!(it.runtime.filter.is_stopped());
+        assert_eq!(it.until("walk"), 24, "the resume window");
+    }
+
+    #[test]
+    fn faults_stay_with_who_goes_on_and_a_replacement_begins_anew() {
+        let (bad, walk) = (fake(0.99, 0.1), fake(0.99, 0.3));
+        let mut it = Loop::new(vec![skill("bad", &bad), skill("walk", &walk)]);
+        bad.with(|script| script.fails = true);
+        it.ticks(12);
+        it.runtime.adopt(roster(vec![kept("walk"), kept("bad")]));
+        assert_eq!(it.tick().skills[1].reason, Reason::PluginFailed);
+        let good = fake(0.99, 0.1);
+        it.runtime.adopt(roster(vec![kept("walk"), Place::New(skill("bad", &good))]));
+        assert!(it.tick().skills[1].viable);
+    }
+
+    #[test]
+    fn without_any_skill_left_it_stops() {
+        let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.3))]);
+        it.until("walk");
+        it.runtime.adopt(roster(vec![kept("unknown")]));
+        assert_eq!(it.ticks(30).choice, "stop");
+        it.runtime.adopt(roster(vec![Place::New(skill("trot", &fake(0.99, 0.2)))]));
+        assert_eq!(it.until("trot"), 25);
+    }
+
+    #[test]
+    fn a_record_with_changes_of_skills_decides_itself_again() {
+        let (walk, trot) = (fake(0.99, 0.3), fake(0.99, 0.2));
+        let mut it = Loop::new(vec![skill("walk", &walk)]);
+        let setup = Setup::of(&it.runtime, "stairs");
+        let mut decisions = Vec::new();
+        for tick in 0..120 {
+            match tick {
+                20 => drop(it.runtime.adopt(roster(vec![Place::New(skill("trot", &trot)), kept("walk")]))),
+                60 => drop(it.runtime.adopt(roster(vec![kept("walk")]))),
+                70 => drop(it.runtime.adopt(roster(vec![kept("walk"), Place::New(skill("walk_on", &trot))]))),
+                100 => drop(it.runtime.adopt(roster(vec![Place::New(skill("walk", &walk))]))),
+                _ => {}
+            }
+            decisions.push(it.tick());
+        }
+        let drivers: std::collections::BTreeSet<_> =
+            decisions.iter().map(|tick| tick.active.clone()).collect();
+        assert_eq!(drivers.len(), 4, "{drivers:?}");
+        for (again, decision) in as_recorded(&setup, &decisions).iter().zip(&decisions) {
+            assert!(again.agrees_with(decision), "tick {}: {again:?}, {decision:?}", decision.tick);
+        }
+    }
+}

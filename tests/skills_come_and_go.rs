@@ -1,0 +1,163 @@
+//! While `run` drives a robot, skills are installed, spoiled and removed: each takes part, or does not, and no line
+//! stays without an answer.
+
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use vocaloco_core::bundle::{install, pack, remove};
+use vocaloco_core::lock::SecretKey;
+use vocaloco_core::registry::lock_deployment;
+use vocaloco_tests::{Fixture, plugin_folder, standing_line};
+
+/// A running loop in lock-step.
+struct Session {
+    child: Child,
+    stdin: ChildStdin,
+    stdout: BufReader<ChildStdout>,
+    tick: u32,
+}
+
+impl Session {
+    fn start(fixture: &Fixture, more: &[&str]) -> Self {
+        let mut child = Command::new(plugin_folder().join("vocaloco"))
+            .args(["run", "--deployment", "stairs", "--source", "stdio"])
+            .args(more)
+            .env("VOCALOCO_ROOT", fixture.root())
+            .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let stdin = child.stdin.take().expect("a pipe");
+        let stdout = BufReader::new(child.stdout.take().expect("a pipe"));
+        let mut session = Self { child, stdin, stdout, tick: 0 };
+        assert!(session.read()["skills"].is_array(), "a greeting");
+        session
+    }
+
+    fn read(&mut self) -> Value {
+        let mut line = String::new();
+        self.stdout.read_line(&mut line).expect("a line");
+        serde_json::from_str(&line).expect("one JSON object a line")
+    }
+
+    fn tick(&mut self) -> Value {
+        writeln!(self.stdin, "{}", standing_line(self.tick)).expect("a line is taken");
+        self.tick += 1;
+        let answer = self.read();
+        assert!(answer.get("error").is_none(), "{answer}");
+        answer
+    }
+
+    /// Ticks at the robot's pace until an answer is as `wanted` says, the last answer.
+    fn until(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        // Half a minute, since other tests want the machine too.
+        for _ in 0..1500 {
+            let answer = self.tick();
+            if wanted(&answer) {
+                return answer;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        panic!("{what} within 1500 ticks");
+    }
+
+    fn end(mut self) {
+        drop(self.stdin);
+        assert!(self.child.wait().expect("it ends").success(), "no line was answered with an error");
+    }
+}
+
+fn fixture() -> Fixture {
+    let fixture = Fixture::new();
+    fixture.add_skill("walk", "none", 0.99, 0.3);
+    fixture.add_deployment("stairs", &["walk"]);
+    fixture
+}
+
+fn active(name: &'static str) -> impl Fn(&Value) -> bool {
+    move |answer| answer["active"] == name
+}
+
+fn knows(answer: &Value, skill: &str) -> bool {
+    answer["skills"].get(skill).is_some()
+}
+
+#[test]
+fn a_bundle_installed_while_the_robot_walks_takes_part_and_removed_while_active_ends_in_the_stand() {
+    let source = Fixture::new();
+    source.add_skill("trot", "none", 0.99, 0.2);
+    let bundle = source.root().join("trot.skill");
+    pack(&source.installation(), "trot", &bundle, None).expect("packed");
+
+    let fixture = fixture();
+    let mut session = Session::start(&fixture, &[]);
+    session.until("walk drives", active("walk"));
+    install(&fixture.installation(), &bundle, &[]).expect("installed");
+    fixture.add_deployment("stairs", &["walk", "trot"]);
+    let answer = session.until("trot is known", |answer| knows(answer, "trot"));
+    assert_eq!(answer["active"], "walk", "nothing is disturbed");
+    session.until("trot drives", active("trot"));
+    remove(&fixture.installation(), "trot").expect("removed");
+    let answer = session.until("trot is gone", |answer| !knows(answer, "trot"));
+    assert_eq!(answer["active"], "stand");
+    session.until("walk drives again", active("walk"));
+    session.end();
+}
+
+#[test]
+fn what_is_not_sound_changes_nothing_until_it_is() {
+    let fixture = fixture();
+    let mut session = Session::start(&fixture, &[]);
+    session.until("walk drives", active("walk"));
+    fixture.write("manifests/deployments/stairs.toml", b"schema = 1\nrobot = ");
+    fixture.add_skill("trot", "none", 0.99, 0.2);
+    fixture.write("skills/trot/cot.onnx", b"nonsense");
+    for _ in 0..40 {
+        assert_eq!(session.tick()["active"], "walk");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    fixture.add_deployment("stairs", &["walk", "trot"]);
+    for _ in 0..40 {
+        let answer = session.tick();
+        assert!(answer["active"] == "walk" && !knows(&answer, "trot"), "{answer}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    fixture.add_skill("trot", "none", 0.99, 0.2);
+    session.until("trot drives once it is sound", active("trot"));
+    fixture.alter("manifests/skills/trot.toml", "0.9", "1.0");
+    let answer = session.until("trot is held to its new threshold", active("stand"));
+    assert_eq!(answer["skills"]["trot"]["viable"], json!(false));
+    session.until("walk drives", active("walk"));
+    session.end();
+}
+
+#[test]
+fn under_a_lock_a_skill_comes_with_a_new_lock_of_a_trusted_key_alone() {
+    let fixture = fixture();
+    let installation = fixture.installation();
+    let [key, foreign] = [(); 2].map(|()| SecretKey::generate().expect("randomness"));
+    let relock = |key: &SecretKey| {
+        lock_deployment(&installation, "stairs").expect("sound").write(Some(key)).expect("a lock");
+    };
+    relock(&key);
+    let mut session = Session::start(&fixture, &["--locked", "--trust", &key.public().to_string()]);
+    session.until("walk drives", active("walk"));
+    fixture.add_skill("trot", "none", 0.99, 0.2);
+    fixture.add_deployment("stairs", &["walk", "trot"]);
+    for relocked in [false, true] {
+        if relocked {
+            relock(&foreign);
+        }
+        for _ in 0..40 {
+            let answer = session.tick();
+            assert!(answer["active"] == "walk" && !knows(&answer, "trot"), "{answer}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+    relock(&key);
+    session.until("trot drives", active("trot"));
+    session.end();
+}
