@@ -207,18 +207,18 @@ fn a_policy_that_no_plugin_would_be_handed() {
 }
 
 #[test]
-fn a_position_target_that_no_loop_would_set() {
+fn a_position_target_that_its_plugin_does_not_follow() {
     refused(
         |fixture| fixture.alter(MANIFEST, "\"velocity\"", "\"position_target\"\ntarget_distance_m = 1.0"),
-        &[MANIFEST, "command.kind", "position_target", "velocity: this version"],
+        &[MANIFEST, "command.kind", "position_target", "velocity, the command of plugin faulty"],
     );
 }
 
 #[test]
-fn a_commitment_that_the_selector_would_not_keep() {
+fn a_commitment_that_nothing_would_end() {
     refused(
         |fixture| fixture.alter(MANIFEST, "[selection]", "[selection]\ncommitted = true"),
-        &[MANIFEST, "selection.committed", "true", "false: this version"],
+        &[MANIFEST, "selection.committed", "true", "position_target"],
     );
 }
 

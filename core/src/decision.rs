@@ -48,6 +48,8 @@ pub enum Forced {
     Fault,
     /// A call for the active skill took longer than its budget: the stand drives for this tick.
     Overrun,
+    /// The active skill is on its way to its target: stops and switches wait.
+    Committed,
 }
 
 /// Wall-clock time spent, µs; only measured where a clock is given.
@@ -131,6 +133,7 @@ impl Decision {
                 Forced::Observation => "measurement unusable: stop",
                 Forced::Fault => "active skill out of service: stop",
                 Forced::Overrun => "active skill over its budget: it stands for this tick",
+                Forced::Committed => "active skill is committed: it goes on to its target",
             });
             self.reason = words;
             return;

@@ -22,3 +22,4 @@ pub mod selector;
 pub mod stand;
 pub mod stdio;
 pub mod switch;
+pub mod target;

@@ -7,6 +7,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use vocaloco_plugin_api::contract::Contract;
 use vocaloco_plugin_api::{CommandKind, Description, Needs, RobotDescription};
 
 use crate::installation::Installation;
@@ -289,7 +290,6 @@ fn examine(
     let mut findings: Vec<Finding> = misfits_on_robot
         .map(|misfit| Finding::new(&file, format!("contract.{}", misfit.field), misfit.found, misfit.wanted))
         .collect();
-    findings.extend(unsupported(&manifest));
     let parameters = match (&manifest.models.parameters, &manifest.contract) {
         (Some(path), _) => intake.text(&folder.join(path), MAX_PARAMETER_BYTES, &file, "models.parameters"),
         (None, Some(contract)) if manifest.models.policy.is_some() => toml::to_string(contract)
@@ -379,20 +379,6 @@ fn at_its_text(manifest: &SkillManifest, folder: &Path, finding: Finding) -> Fin
     }
 }
 
-/// What the schema knows and this version does not do.
-fn unsupported(manifest: &SkillManifest) -> Vec<Finding> {
-    let mut findings = Vec::new();
-    if manifest.command.kind == CommandKind::PositionTarget {
-        let wanted = "velocity: this version sets no position targets";
-        findings.push(Finding::new(&manifest.file, "command.kind", kind(manifest.command.kind), wanted));
-    }
-    if manifest.selection.committed {
-        let wanted = "false: this version stops and switches a skill at any time";
-        findings.push(Finding::new(&manifest.file, "selection.committed", true, wanted));
-    }
-    findings
-}
-
 /// Where a manifest's policy network, contract and parameters are not what the plugin takes.
 fn policy_misfits(manifest: &SkillManifest, plugin: &Description) -> Vec<Finding> {
     let finding =
@@ -426,9 +412,14 @@ fn policy_misfits(manifest: &SkillManifest, plugin: &Description) -> Vec<Finding
 fn misfits(manifest: &SkillManifest, plugin: &Description) -> Vec<Finding> {
     let mut findings = Vec::new();
     let command = &manifest.command;
-    if command.kind != plugin.command {
-        let wanted = format!("{}, the command of plugin {}", kind(plugin.command), plugin.name);
-        findings.push(Finding::new(&manifest.file, "command.kind", kind(command.kind), wanted));
+    // A policy follows what it was trained to follow, whatever runs it.
+    let (taken, whose) = match manifest.contract.as_ref().map(Contract::command) {
+        Some(Ok(kind)) => (kind, "its contract".to_owned()),
+        _ => (plugin.command, format!("plugin {}", plugin.name)),
+    };
+    if command.kind != taken {
+        let wanted = format!("{}, the command of {whose}", taken.name());
+        findings.push(Finding::new(&manifest.file, "command.kind", command.kind.name(), wanted));
     } else if command.kind == CommandKind::Velocity {
         let [least, greatest] = command.forward_m_per_s;
         let range = plugin.forward_m_per_s;
@@ -441,11 +432,4 @@ fn misfits(manifest: &SkillManifest, plugin: &Description) -> Vec<Finding> {
         }
     }
     findings
-}
-
-fn kind(kind: CommandKind) -> &'static str {
-    match kind {
-        CommandKind::Velocity => "velocity",
-        CommandKind::PositionTarget => "position_target",
-    }
 }

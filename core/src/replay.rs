@@ -73,6 +73,8 @@ pub fn replay(
             if verdict.is_some_and(Reason::is_out_of_service) {
                 filter.stop_now();
                 choice = Choice::Stop;
+            } else if forced == Some(Forced::Committed) {
+                // It went on, whatever was chosen.
             } else if forced == Some(Forced::ZeroCommand) {
                 filter.stand_now();
             } else {

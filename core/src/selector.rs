@@ -48,6 +48,10 @@ pub struct Rule {
     pub cost_margin: f32,
     /// Commands it takes.
     pub command: CommandRange,
+    /// Time for the way to a position target, s.
+    pub time_limit_s: f64,
+    /// Once active, it stays until its position target, its time limit or a fault.
+    pub committed: bool,
 }
 
 /// Why a skill is, or is not, viable this tick.
@@ -270,7 +274,14 @@ mod tests {
             forward_m_per_s: [0.4, 0.7],
             target_distance_m: None,
         };
-        Rule { name: name.into(), viability_threshold, cost_margin: 0.0, command }
+        Rule {
+            name: name.into(),
+            viability_threshold,
+            cost_margin: 0.0,
+            command,
+            time_limit_s: 4.0,
+            committed: false,
+        }
     }
 
     fn selector() -> Selector {

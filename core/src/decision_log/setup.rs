@@ -100,6 +100,9 @@ impl SetupSkill {
             viability_threshold: self.viability_threshold,
             cost_margin: self.cost_margin,
             command: CommandRange { kind, forward_m_per_s: self.forward_m_per_s, target_distance_m: None },
+            // Both show in what was decided.
+            time_limit_s: f64::INFINITY,
+            committed: false,
         }
     }
 }

@@ -190,6 +190,11 @@ impl SkillManifest {
             let found = format!("{:?}", raw.plugin);
             return Err(source.finding("plugin", found, "a plugin's name in snake_case"));
         }
+        let command = command(source, &raw.command)?;
+        if raw.selection.committed && command.kind != CommandKind::PositionTarget {
+            let wanted = "false, or command.kind = \"position_target\": without a target nothing ends it";
+            return Err(source.finding("selection.committed", true, wanted));
+        }
         Ok(Self {
             file: path.to_owned(),
             models: models(source, raw.models)?,
@@ -203,7 +208,7 @@ impl SkillManifest {
                     as f32,
                 committed: raw.selection.committed,
             },
-            command: command(source, &raw.command)?,
+            command,
             rollout: rollout(source, &raw.rollout)?,
             contract: raw.contract,
             name: raw.name,

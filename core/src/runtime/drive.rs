@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use vocaloco_plugin_api::{JointTarget, RobotState, TerrainPatch};
+use vocaloco_plugin_api::{Command, JointTarget, RobotState, TerrainPatch};
 
 use super::{CallFault, Runtime, Supervision};
 use crate::decision::Forced;
@@ -10,6 +10,7 @@ use crate::observation::Observation;
 use crate::selector::{Choice, Reason, is_zero};
 use crate::stand::Sensed;
 use crate::switch::Active;
+use crate::target::PositionTarget;
 
 impl Runtime {
     /// Who drives: the window, unless a fault or a zero command overrules it.
@@ -26,17 +27,45 @@ impl Runtime {
             self.force(Forced::Fault);
         } else if is_zero(&observation.command) {
             self.force(Forced::ZeroCommand);
+        } else if self.is_committed(observation) {
+            self.force(Forced::Committed);
         } else {
             self.filter.step(choice, active_is_viable);
         }
+    }
+
+    /// Whether the active skill is on its way to a target and must not be stopped there.
+    fn is_committed(&self, observation: &Observation) -> bool {
+        let Active::Skill(skill) = self.filter.active() else { return false };
+        let way = self.targets[skill].zip(observation.base_in_odom);
+        self.selector.rules()[skill].committed
+            && way.is_some_and(|(target, base)| !target.is_over(&base, observation.t_s))
+    }
+
+    /// What a skill is told: the command, or the way to its target, which is set when it begins or has got
+    /// there.
+    fn command(&mut self, skill: usize, observation: &Observation, begins: bool) -> Command {
+        let (asked, now_s) = (observation.command, observation.t_s);
+        let rule = &self.selector.rules()[skill];
+        let (Some(distance_m), Some(base)) = (rule.command.target_distance_m, observation.base_in_odom)
+        else {
+            return asked;
+        };
+        let [forward, left, _] = asked.velocity;
+        let going = self.targets[skill].filter(|target| !begins && !target.is_over(&base, now_s));
+        let target = going.unwrap_or_else(|| {
+            PositionTarget::ahead(&base, [forward, left], distance_m as f32, rule.time_limit_s, now_s)
+        });
+        self.targets[skill] = Some(target);
+        target.command(&base, asked.velocity, now_s)
     }
 
     pub(super) fn force(&mut self, why: Forced) {
         self.decision.forced = Some(why);
         match why {
             Forced::ZeroCommand => self.filter.stand_now(),
-            // The skill goes on as soon as it answers in time.
-            Forced::Overrun => {}
+            // The skill goes on, after an overrun as soon as it answers in time.
+            Forced::Overrun | Forced::Committed => {}
             Forced::Terrain | Forced::Observation | Forced::Fault => self.filter.stop_now(),
         }
     }
@@ -136,6 +165,7 @@ impl Runtime {
         observation: &Observation,
         reset: bool,
     ) -> Result<(), (&'static str, CallFault)> {
+        let command = self.command(index, observation, reset);
         let skill = &mut self.skills[index];
         self.contacts.clear();
         let contacts = observation.foot_contact.iter().flatten();
@@ -164,8 +194,106 @@ impl Runtime {
         }
         // A controller that leaves a target out must not drive with what stood there before.
         self.candidate.fill(JointTarget { position_rad: f32::NAN, ..JointTarget::default() });
-        let acted = skill.controller.act(&state, &observation.command, &mut self.candidate);
+        let acted = skill.controller.act(&state, &command, &mut self.candidate);
         acted.map_err(|fault| ("act", fault))?;
         self.limits.check(&self.candidate).map_err(|line| ("act", CallFault::Failed(line)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::observation::BaseInOdom;
+    use crate::runtime::Skill;
+    use crate::runtime::fixture::{Fake, Loop, fake, skill};
+    use vocaloco_plugin_api::CommandKind;
+
+    /// A skill that goes 1.5 m ahead within 2 s, committed or not.
+    fn climber(fake: &Fake, committed: bool) -> Skill {
+        let mut climb = skill("climb", fake);
+        climb.rule.command.kind = CommandKind::PositionTarget;
+        climb.rule.command.target_distance_m = Some(1.5);
+        climb.rule.time_limit_s = 2.0;
+        climb.rule.committed = committed;
+        climb
+    }
+
+    fn at(run: &mut Loop, x_m: f64) {
+        let half = std::f64::consts::FRAC_1_SQRT_2;
+        // Looking along y.
+        let base = BaseInOdom { position_m: [3.0, x_m, 0.5], orientation_xyzw: [0.0, 0.0, half, half] };
+        run.observation.base_in_odom = Some(base);
+    }
+
+    fn climbing(committed: bool) -> (Fake, Loop) {
+        let climb = fake(0.99, 0.2);
+        let mut run = Loop::new(vec![climber(&climb, committed), skill("walk", &fake(0.99, 0.9))]);
+        at(&mut run, 0.0);
+        run.until("climb");
+        (climb, run)
+    }
+
+    #[test]
+    fn a_target_is_set_on_activation_and_anew_once_reached() {
+        let (climb, mut run) = climbing(false);
+        let told = || climb.with(|script| script.told).unwrap().target;
+        let close = |found: [f32; 4], wanted: [f32; 4]| {
+            let off = found.iter().zip(wanted).map(|(found, wanted)| (found - wanted).abs());
+            assert!(off.fold(0.0, f32::max) < 1e-4, "{found:?}, {wanted:?}");
+        };
+        close(told(), [1.5, 0.0, 0.0, 2.0]);
+        at(&mut run, 0.6);
+        run.ticks(10);
+        close(told(), [0.9, 0.0, 0.0, 1.8]);
+        at(&mut run, 1.5);
+        run.tick();
+        close(told(), [1.5, 0.0, 0.0, 2.0]);
+        run.ticks(100);
+        close(told(), [1.5, 0.0, 0.0, 2.0]);
+    }
+
+    #[test]
+    fn a_committed_skill_goes_on_unviable_until_its_target_or_its_time() {
+        for (reached, wanted) in [(true, 25), (false, 90)] {
+            let (climb, mut run) = climbing(true);
+            climb.with(|script| script.prediction = Some((0.1, 0.2)));
+            let decision = run.ticks(15);
+            assert_eq!((decision.active.as_str(), decision.forced), ("climb", Some(Forced::Committed)));
+            assert_eq!(decision.choice, "walk", "what would be chosen is said");
+            at(&mut run, if reached { 1.5 } else { 0.7 });
+            let ticks = 15 + run.until("walk");
+            assert!((wanted..wanted + 25).contains(&ticks), "{ticks} ticks after its start");
+        }
+    }
+
+    #[test]
+    fn a_skill_that_is_not_committed_stops_like_any_other() {
+        let (climb, mut run) = climbing(false);
+        climb.with(|script| script.prediction = Some((0.1, 0.2)));
+        assert_eq!(run.until("walk"), 10);
+    }
+
+    #[test]
+    fn faults_lost_terrain_and_a_zero_command_wait_for_no_target() {
+        let spoils: [fn(&Fake, &mut Loop); 3] = [
+            |climb, _| climb.with(|script| script.fails = true),
+            |_, run| run.observation.elevation = None,
+            |_, run| run.observation.command = Command::velocity(0.0, 0.0, 0.0),
+        ];
+        for spoil in spoils {
+            let (climb, mut run) = climbing(true);
+            run.ticks(5);
+            spoil(&climb, &mut run);
+            assert_eq!(run.tick().active, "stand");
+        }
+    }
+
+    #[test]
+    fn without_odometry_a_target_cannot_be_set_and_the_field_is_named() {
+        let (_, mut run) = climbing(true);
+        run.observation.base_in_odom = None;
+        let decision = run.tick();
+        assert_eq!((decision.active.as_str(), decision.forced), ("stand", Some(Forced::Observation)));
+        assert!(decision.events[0].starts_with("base_in_odom: found nothing"), "{:?}", decision.events);
     }
 }

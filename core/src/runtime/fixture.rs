@@ -29,6 +29,7 @@ pub(crate) struct Script {
     pub(crate) resets: usize,
     pub(crate) acts: usize,
     pub(crate) terrain: Vec<f32>,
+    pub(crate) told: Option<Command>,
     pub(crate) act_hangs: Option<Gate>,
     pub(crate) predict_hangs: Option<Gate>,
 }
@@ -69,7 +70,7 @@ impl Controller for Fake {
     fn act(
         &mut self,
         state: &RobotState<'_>,
-        _: &Command,
+        command: &Command,
         joints: &mut [JointTarget],
     ) -> Result<(), CallFault> {
         let hangs = self.with(|script| script.act_hangs.clone());
@@ -77,6 +78,7 @@ impl Controller for Fake {
         self.with(|script| {
             script.acts += 1;
             script.terrain = state.terrain_m.to_vec();
+            script.told = Some(*command);
             if script.fails {
                 return Err(SkillError::new(ErrorCode::Panic, "act panicked: out of cheese").into());
             }
@@ -123,6 +125,8 @@ pub(crate) fn skill(name: &str, fake: &Fake) -> Skill {
                 forward_m_per_s: [0.4, 0.7],
                 target_distance_m: None,
             },
+            time_limit_s: 4.0,
+            committed: false,
         },
         needs: Needs {
             policy: false,

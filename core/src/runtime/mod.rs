@@ -19,7 +19,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use thiserror::Error;
-use vocaloco_plugin_api::JointTarget;
+use vocaloco_plugin_api::{CommandKind, JointTarget};
 
 use deadline::{Overruns, WatchedController, WatchedPredictors};
 pub use deadline::{Pace, Supervision, TickSummary, TickTimes};
@@ -40,6 +40,7 @@ use crate::robot::RobotModel;
 use crate::selector::{Choice, Prediction, Reason, Rule, Selector};
 use crate::stand::{Sensed, Stand};
 use crate::switch::{Active, SwitchFilter, Windows};
+use crate::target::PositionTarget;
 
 /// Why a loop cannot start.
 #[derive(Debug, Error)]
@@ -50,9 +51,6 @@ pub enum RuntimeError {
     /// A skill was loaded without its predictors.
     #[error("skill {0}: found no predictors, wanted models.viability and models.cot")]
     NoPredictors(String),
-    /// A skill goes to position targets, which this version does not set.
-    #[error("skill {0}: command.kind: found position_target, wanted velocity in this version")]
-    PositionTarget(String),
     /// The system gives no thread to watch a skill's calls on.
     #[error("skill {0}: found no thread for its calls ({1}), wanted two")]
     Thread(String, String),
@@ -110,6 +108,8 @@ pub struct Runtime {
     /// The active skill's prediction was over its budget this tick.
     is_late: bool,
     handover: Handover,
+    /// Where each skill that goes to position targets is going.
+    targets: Vec<Option<PositionTarget>>,
     mixing: bool,
     /// Who made the targets in `joints`; none before the first usable observation.
     drives: Option<Active>,
@@ -128,7 +128,7 @@ impl Runtime {
     /// The runtime of a loaded deployment, an instance of each skill's plugin made.
     ///
     /// # Errors
-    /// A plugin refuses, a skill lacks its predictors or takes position targets.
+    /// A plugin refuses, or a skill lacks its predictors.
     pub fn new(loaded: LoadedDeployment) -> Result<Self, RuntimeError> {
         let config = RuntimeConfig::from(&loaded.deployment);
         let mut skills = Vec::new();
@@ -164,6 +164,7 @@ impl Runtime {
             overruns: Overruns::new(config.rate_hz, skill_count),
             is_late: false,
             handover: Handover::default(),
+            targets: vec![None; skill_count],
             mixing: false,
             drives: None,
             last_t_s: None,
@@ -201,6 +202,7 @@ impl Runtime {
         self.filter = SwitchFilter::new(self.config.windows);
         self.overruns.restart();
         self.handover.end();
+        self.targets.fill(None);
         self.drives = None;
         self.last_t_s = None;
         self.ticks = 0;
@@ -356,7 +358,7 @@ fn required(skills: &[Skill]) -> Required {
     Required {
         joint_torques: skills.iter().any(|skill| skill.needs.joint_torques),
         foot_contacts: skills.iter().any(|skill| skill.needs.foot_contacts),
-        base_in_odom: false,
+        base_in_odom: skills.iter().any(|skill| skill.rule.command.kind == CommandKind::PositionTarget),
     }
 }
 

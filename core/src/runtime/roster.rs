@@ -100,6 +100,7 @@ impl Runtime {
         self.filter.adopt(&moves);
         self.overruns.adopt(&moves);
         self.handover.adopt(&moves);
+        self.targets = moves.carry(std::mem::take(&mut self.targets), |_| None).0;
         if let Some(Active::Skill(driver)) = self.drives {
             match moves.to(driver) {
                 Some(driver) => self.drives = Some(Active::Skill(driver)),

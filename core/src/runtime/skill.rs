@@ -2,9 +2,7 @@
 
 use std::time::Duration;
 
-use vocaloco_plugin_api::{
-    Command, CommandKind, JointTarget, Needs, RobotDescription, RobotState, SkillError,
-};
+use vocaloco_plugin_api::{Command, JointTarget, Needs, RobotDescription, RobotState, SkillError};
 
 use super::{RuntimeError, WatchedController, WatchedPredictors};
 use crate::heightfield::Field;
@@ -112,12 +110,9 @@ impl Skill {
     /// A loaded skill with an instance of its plugin made.
     ///
     /// # Errors
-    /// The plugin refuses, the skill lacks its predictors or takes position targets.
+    /// The plugin refuses, or the skill lacks its predictors.
     pub fn of(loaded: LoadedSkill, robot: &RobotDescription) -> Result<Self, RuntimeError> {
         let rule = Self::rule_of(&loaded.manifest);
-        if rule.command.kind == CommandKind::PositionTarget {
-            return Err(RuntimeError::PositionTarget(rule.name));
-        }
         let controller = Box::new(loaded.create(robot)?);
         let (Some(viability), Some(cot)) = (loaded.viability, loaded.cot) else {
             return Err(RuntimeError::NoPredictors(rule.name));
@@ -142,6 +137,8 @@ impl Skill {
             viability_threshold: manifest.selection.viability_threshold,
             cost_margin: manifest.selection.cost_margin,
             command: manifest.command,
+            time_limit_s: manifest.rollout.time_limit_s,
+            committed: manifest.selection.committed,
         }
     }
 }

@@ -15,6 +15,16 @@ pub enum CommandKind {
     PositionTarget,
 }
 
+impl CommandKind {
+    /// Its id in manifests.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Velocity => "velocity",
+            Self::PositionTarget => "position_target",
+        }
+    }
+}
+
 /// A closed interval.
 #[repr(C)]
 #[derive(StableAbi, Clone, Copy, Debug, PartialEq)]

@@ -16,6 +16,7 @@ pub struct PolicySkill {
     observer: Observer,
     actions: ActionMap,
     policy: Policy,
+    command: CommandKind,
     observation: Vec<f32>,
     action: Vec<f32>,
     last_action: Vec<f32>,
@@ -30,7 +31,7 @@ impl Skill for PolicySkill {
             joints: RVec::new(),
             rate_hz: RATE_HZ,
             command: CommandKind::Velocity,
-            // What a policy follows is its manifest's to say.
+            // What a policy follows, and how fast, is its contract's and its manifest's to say.
             forward_m_per_s: Range { min: -5.0, max: 5.0 },
             needs: Needs { policy: true, terrain: RNone, foot_contacts: false, joint_torques: false },
             parameters: RVec::from(vec![Parameter {
@@ -64,6 +65,7 @@ impl Skill for PolicySkill {
             }
         }
         Ok(Self {
+            command: contract.command()?,
             observation: vec![0.0; observer.len()],
             action: vec![0.0; actions.len()],
             last_action: vec![0.0; actions.len()],
@@ -90,8 +92,13 @@ impl Skill for PolicySkill {
         joints: &mut [JointTarget],
     ) -> Result<(), SkillError> {
         let input = |message: String| SkillError::new(ErrorCode::Input, message);
-        if command.kind != CommandKind::Velocity || !command.velocity.iter().all(|value| value.is_finite()) {
-            return Err(input("command: wanted a finite velocity".to_owned()));
+        let asked = match self.command {
+            CommandKind::Velocity => command.velocity.as_slice(),
+            CommandKind::PositionTarget => command.target.as_slice(),
+        };
+        if command.kind != self.command || !asked.iter().all(|value| value.is_finite()) {
+            let (found, wanted) = (command.kind.name(), self.command.name());
+            return Err(input(format!("command: found {found} {asked:?}, wanted a finite {wanted}")));
         }
         if joints.len() != self.actions.len() {
             let (found, wanted) = (joints.len(), self.actions.len());

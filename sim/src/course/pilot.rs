@@ -5,7 +5,7 @@ use vocaloco_core::{
     decision::Decision,
     elevation::Elevation,
     heightfield::{COLUMNS, Noise, ROWS},
-    observation::Observation,
+    observation::{BaseInOdom, Observation},
     plugin::PluginInstance,
     runtime::Runtime,
 };
@@ -127,7 +127,7 @@ impl<'a> SelectorPilot<'a> {
             base_linear_velocity: readings.base_linear_velocity_m_per_s,
             base_angular_velocity: readings.base_angular_velocity_rad_per_s,
             projected_gravity: readings.projected_gravity,
-            base_in_odom: None,
+            base_in_odom: Some(BaseInOdom::from(&measured.base)),
             elevation: Some(elevation),
             command: *command,
             field_noise: (self.field_noise_m > 0.0).then(|| self.field_noise()),

@@ -157,6 +157,7 @@ fn unscaled_term(term: &ObservationTerm, joints: &Reflection, feet: &Reflection)
         Term::BaseLinearVelocity | Term::ProjectedGravity => signs(&[1.0, -1.0, 1.0]),
         Term::BaseAngularVelocity => signs(&[-1.0, 1.0, -1.0]),
         Term::VelocityCommand => signs(&[1.0, -1.0, -1.0]),
+        Term::PositionTarget => signs(&[1.0, -1.0, -1.0, 1.0]),
         Term::JointPosition | Term::JointVelocity | Term::JointTorque | Term::LastAction => joints.clone(),
         Term::FootContact => feet.clone(),
         // Left and right are half a cycle apart.

@@ -1,6 +1,7 @@
 //! Where a body is.
 
 use rapier3d::math::{Pose, Rotation, Vector};
+use vocaloco_core::observation::BaseInOdom;
 
 /// Position and orientation of a link's frame in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -9,6 +10,16 @@ pub struct BasePose {
     pub position_m: [f32; 3],
     /// Orientation, world from body, quaternion x, y, z, w.
     pub orientation_xyzw: [f32; 4],
+}
+
+impl From<&BasePose> for BaseInOdom {
+    /// The world is the odometry frame.
+    fn from(base: &BasePose) -> Self {
+        Self {
+            position_m: base.position_m.map(f64::from),
+            orientation_xyzw: base.orientation_xyzw.map(f64::from),
+        }
+    }
 }
 
 impl BasePose {

@@ -16,8 +16,8 @@ pub(crate) use number::by_name as number_by_name;
 pub use number::{Factor, PerJoint};
 
 use crate::action::ActionMap;
-use crate::observation::{HistoryLayout, ObservationTerm, Observer};
-use crate::{ErrorCode, RobotDescription, SkillError};
+use crate::observation::{HistoryLayout, ObservationTerm, Observer, Term};
+use crate::{CommandKind, ErrorCode, RobotDescription, SkillError};
 
 /// Most terms of an observation, and most values of a term's history.
 pub const MAX_TERMS: usize = 64;
@@ -134,6 +134,23 @@ impl Contract {
         let observation = Observer::new(self, robot).map(drop);
         let action = ActionMap::new(self, robot).map(drop);
         [observation, action].into_iter().filter_map(Result::err).collect()
+    }
+
+    /// The command that the policy follows: a velocity, unless it observes a position target.
+    ///
+    /// # Errors
+    /// It observes both.
+    pub fn command(&self) -> Result<CommandKind, ContractError> {
+        let place = |wanted| self.observation.iter().position(|term| term.term == wanted);
+        match (place(Term::VelocityCommand), place(Term::PositionTarget)) {
+            (Some(_), Some(target)) => {
+                let field = format!("observation[{target}].term");
+                let wanted = "either that or velocity_command: a policy follows one command";
+                Err(ContractError::new(field, Term::PositionTarget.name(), wanted))
+            }
+            (None, Some(_)) => Ok(CommandKind::PositionTarget),
+            (_, None) => Ok(CommandKind::Velocity),
+        }
     }
 
     /// For each joint in the policy's order, its index on `robot`.

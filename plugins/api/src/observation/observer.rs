@@ -81,6 +81,7 @@ impl Observer {
         )?;
         let rate_hz = inside("rate_hz", contract.rate_hz, 1.0..=1000.0)?;
         let initial_phase = inside("initial_phase", contract.initial_phase, 0.0..=1.0)?;
+        contract.command()?;
         inside("observation", contract.observation.len() as f64, 1.0..=MAX_TERMS as f64)?;
         let mut slots: Vec<Slot> = Vec::new();
         let mut len = 0;
@@ -97,6 +98,7 @@ impl Observer {
                 | Term::BaseAngularVelocity
                 | Term::ProjectedGravity
                 | Term::VelocityCommand => 3,
+                Term::PositionTarget => 4,
                 Term::JointPosition | Term::JointVelocity | Term::JointTorque | Term::LastAction => {
                     joints.len()
                 }
@@ -232,6 +234,7 @@ impl Observer {
             Term::BaseAngularVelocity => out.copy_from_slice(&state.base_angular_velocity_rad_per_s),
             Term::ProjectedGravity => out.copy_from_slice(&state.projected_gravity),
             Term::VelocityCommand => out.copy_from_slice(&command.velocity),
+            Term::PositionTarget => out.copy_from_slice(&command.target),
             Term::JointPosition => {
                 for ((value, &joint), default_rad) in
                     out.iter_mut().zip(&self.joints).zip(&self.default_position_rad)

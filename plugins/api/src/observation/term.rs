@@ -17,6 +17,8 @@ pub enum Term {
     ProjectedGravity,
     /// Commanded forward m/s, left m/s, yaw rate rad/s; 3.
     VelocityCommand,
+    /// Commanded target in the yaw-aligned base frame: x m, y m, heading rad, time left s; 4.
+    PositionTarget,
     /// Position less `action.default_position_rad`, rad; J.
     JointPosition,
     /// rad/s; J.
@@ -42,6 +44,7 @@ impl Term {
             Self::BaseAngularVelocity => "base_angular_velocity",
             Self::ProjectedGravity => "projected_gravity",
             Self::VelocityCommand => "velocity_command",
+            Self::PositionTarget => "position_target",
             Self::JointPosition => "joint_position",
             Self::JointVelocity => "joint_velocity",
             Self::JointTorque => "joint_torque",
