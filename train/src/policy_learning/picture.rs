@@ -18,7 +18,7 @@ const PANELS: [(&str, &str); 8] = [
 
 const ACROSS: usize = 4;
 const PANEL: [f64; 2] = [260.0, 180.0];
-const MARGIN: f64 = 28.0;
+const MARGIN: f64 = 36.0;
 /// Points to a line at most; more cannot be told apart.
 const POINTS: usize = 400;
 
@@ -30,7 +30,7 @@ pub fn svg(curves: &Curves, title: &str) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" \
          font-family=\"sans-serif\" font-size=\"10\">\n\
          <rect width=\"{width}\" height=\"{height}\" fill=\"white\"/>\n\
-         <text x=\"{MARGIN}\" y=\"18\" font-size=\"13\">{title}</text>\n"
+         <text x=\"{MARGIN}\" y=\"18\" font-size=\"13\">{title}; across: rounds of imitation, then iterations of PPO</text>\n"
     );
     for (at, (column, title)) in PANELS.iter().enumerate() {
         let left = PANEL[0] * (at % ACROSS) as f64;
@@ -72,11 +72,11 @@ fn panel(svg: &mut String, [left, top]: [f64; 2], title: &str, values: &[(usize,
          <text x=\"{x}\" y=\"{}\">1</text>\n\
          <text x=\"{}\" y=\"{}\" text-anchor=\"end\">{rows}</text>\n",
         points.join(" "),
-        x + width,
-        y + 10.0,
+        x - 3.0,
+        y + 8.0,
         short(high),
-        x + width,
-        y + height - 3.0,
+        x - 3.0,
+        y + height,
         short(low),
         y + height + 11.0,
         x + width,
@@ -102,6 +102,6 @@ mod tests {
         let svg = svg(&curves, "walk");
         assert_eq!(svg.matches("<polyline").count(), 1);
         // Highest in the middle, lowest last, on the panel's edges.
-        assert!(svg.contains("points=\"28.0,120.0 130.0,58.0 232.0,182.0\""), "{svg}");
+        assert!(svg.contains("points=\"36.0,120.0 130.0,66.0 224.0,174.0\""), "{svg}");
     }
 }
