@@ -163,6 +163,28 @@ fn parts_collected_apart_merge_into_the_same_bytes() {
 }
 
 #[test]
+fn seven_shards_in_shuffled_order_on_one_thread_or_two_merge_into_the_same_bytes() {
+    let config = config(Kind::Viability, 1);
+    let layout = Layout { rows_per_shard: 1, ..LAYOUT };
+    let one_go = folder();
+    let all = Collection { layout, ..collection(&config, Kind::Viability) };
+    run(&all, one_go.path()).expect("collects");
+    let mut parts = Vec::new();
+    for (turn, index) in [3, 7, 1, 5, 2, 6, 4].into_iter().enumerate() {
+        let shard = Shard::parse(&format!("{index}/7")).expect("a shard");
+        let part = folder();
+        run(&Collection { shard, threads: 1 + turn % 2, ..all.clone() }, part.path()).expect("collects");
+        parts.push(part);
+    }
+    let merged = folder();
+    let sources: Vec<_> = [4, 0, 6, 2, 5, 1, 3].map(|part: usize| parts[part].path().to_owned()).into();
+    assert_eq!(dataset::merge(&sources, merged.path()).expect("merges"), 7);
+    assert_same(merged.path(), one_go.path());
+    let stored = dataset::stored(merged.path()).expect("counts");
+    assert_eq!((stored.rows, stored.shards_missing), (7, 0));
+}
+
+#[test]
 fn a_data_set_can_grow() {
     let config = config(Kind::Viability, 1);
     let grown = folder();

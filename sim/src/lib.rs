@@ -15,6 +15,7 @@ pub mod kinematics;
 pub mod latency;
 pub mod physics;
 pub mod plant;
+pub mod plant_agreement;
 pub mod rollout;
 pub mod scene;
 pub mod scores;

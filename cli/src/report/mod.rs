@@ -3,6 +3,7 @@
 
 mod base64;
 mod course;
+mod fields;
 mod look;
 mod motion;
 mod shapes;
@@ -11,6 +12,7 @@ mod strip;
 use serde::Serialize;
 
 pub(crate) use course::{PackedCourse, Story, path};
+pub(crate) use fields::{FieldRow, SampleField, fields};
 pub(crate) use look::page;
 pub(crate) use strip::strip;
 

@@ -32,6 +32,9 @@ pub(crate) struct Args {
     /// Only this part of the shards, such as 1/4; the parts may share a folder or be merged
     #[arg(long, default_value = "1/1", value_name = "I/N", value_parser = parse_shard)]
     shard: Shard,
+    /// Rows to a file: what a killed run loses at most, and what a data set keeps for good
+    #[arg(long, default_value_t = ROWS_PER_SHARD, value_name = "N")]
+    rows_per_shard: u64,
     /// Threads; 0 for as many as there are processors
     #[arg(long, default_value_t = 0, value_name = "N")]
     threads: usize,
@@ -57,12 +60,21 @@ pub(crate) struct Args {
     shared: Shared,
 }
 
-#[derive(Clone, Copy, clap::ValueEnum)]
-enum KindArg {
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub(super) enum KindArg {
     /// Share of rollouts from a pose that reach the horizon
     Viability,
     /// Cost of transport of one rollout
     Cot,
+}
+
+impl From<KindArg> for Kind {
+    fn from(kind: KindArg) -> Self {
+        match kind {
+            KindArg::Viability => Self::Viability,
+            KindArg::Cot => Self::Cot,
+        }
+    }
 }
 
 fn parse_shard(text: &str) -> Result<Shard, String> {
@@ -70,11 +82,9 @@ fn parse_shard(text: &str) -> Result<Shard, String> {
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
-    let kind = match args.kind {
-        KindArg::Viability => Kind::Viability,
-        KindArg::Cot => Kind::Cot,
-    };
+    let kind = Kind::from(args.kind);
     ensure!(args.samples > 0, "--samples: found 0, wanted 1 or more");
+    ensure!(args.rows_per_shard > 0, "--rows-per-shard: found 0, wanted 1 or more");
     for (flag, noise_m) in [("--field-noise-m", args.field_noise_m), ("--patch-noise-m", args.patch_noise_m)]
     {
         ensure!((0.0..=1.0).contains(&noise_m), "{flag}: found {noise_m}, wanted 0 to 1");
@@ -92,7 +102,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         skill: &rolled.skill,
         kind,
         config: &config,
-        layout: Layout { rows: args.samples, rows_per_shard: ROWS_PER_SHARD },
+        layout: Layout { rows: args.samples, rows_per_shard: args.rows_per_shard },
         shard: args.shard,
         threads: args.threads,
         resume: args.resume,
@@ -154,9 +164,13 @@ fn report(
 fn command(args: &Args, kind: Kind) -> String {
     let repeats =
         if kind == Kind::Viability { format!(" --repeats {}", args.repeats) } else { String::new() };
+    let shard = match args.rows_per_shard {
+        ROWS_PER_SHARD => String::new(),
+        rows => format!(" --rows-per-shard {rows}"),
+    };
     let plant = if args.plant == Plant::Fast { " --plant fast" } else { "" };
     format!(
-        "vocaloco collect --skill {} --kind {} --samples {} --seed {}{repeats}{plant} --field-noise-m {} \
+        "vocaloco collect --skill {} --kind {} --samples {} --seed {}{repeats}{shard}{plant} --field-noise-m {} \
          --patch-noise-m {} --robot {} --out {}",
         args.skill,
         kind.id(),

@@ -1,5 +1,6 @@
 //! `evaluate`: measures skills by the protocol. One file an experiment, below.
 
+mod agreement;
 mod calibration;
 mod calibration_page;
 mod handover;
@@ -22,6 +23,8 @@ pub(crate) struct Args {
 enum Experiment {
     /// One skill by the collection protocol, one rollout per fresh pose
     Viability(viability::Args),
+    /// The fast plant's labels against the reference's, from the same rows
+    Agreement(agreement::Args),
     /// Predicted against collected viability and cost of transport, by size
     Calibration(calibration::Args),
     /// A course with the selector or one skill alone, by step height
@@ -37,6 +40,7 @@ enum Experiment {
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
     match args.experiment {
         Experiment::Viability(args) => viability::run(&args),
+        Experiment::Agreement(args) => agreement::run(&args),
         Experiment::Calibration(args) => calibration::run(&args),
         Experiment::Success(args) => success::run(&args),
         Experiment::Switches(args) => switches::run(&args),

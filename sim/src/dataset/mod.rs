@@ -16,7 +16,7 @@ use crate::{rollout::Outcome, terrain::TerrainKind};
 pub use error::DatasetError;
 pub use meta::{META_FILE, Meta, RobotId, SCHEMA, SimulatorId, SkillId};
 pub(crate) use read::is_complete;
-pub use read::{Dataset, merge, read, read_incomplete, sha256};
+pub use read::{Dataset, Stored, columns, merge, read, read_incomplete, sha256, stored};
 pub use shard::{Layout, ROWS_PER_SHARD, Shard, shard_file};
 pub use write::{write_atomically, write_shard};
 

@@ -9,7 +9,10 @@ use std::{
 use parquet::{
     column::reader::get_typed_column_reader,
     data_type::{BoolType, ByteArrayType, DataType, FloatType, Int32Type, Int64Type},
-    file::reader::{FileReader, RowGroupReader, SerializedFileReader},
+    file::{
+        metadata::KeyValue,
+        reader::{FileReader, RowGroupReader, SerializedFileReader},
+    },
 };
 use sha2::{Digest, Sha256};
 use vocaloco_core::heightfield::CELLS;
@@ -90,16 +93,54 @@ pub fn read_incomplete(folder: &Path) -> Result<(Dataset, Vec<u64>), DatasetErro
     Ok((dataset, missing))
 }
 
+/// What a data set's folder holds, by the ends of its files: no more memory for more rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stored {
+    /// Rows in shards that are there.
+    pub rows: u64,
+    /// Shards that are not.
+    pub shards_missing: usize,
+}
+
+/// Counts what a data set's folder holds.
+///
+/// # Errors
+/// `meta.json` is not as it should be.
+pub fn stored(folder: &Path) -> Result<Stored, DatasetError> {
+    let layout = Meta::read(folder)?.layout();
+    let mut stored = Stored { rows: 0, shards_missing: 0 };
+    for block in 0..layout.blocks() {
+        match rows_in(&folder.join(shard_file(block)), &layout.rows_of(block)) {
+            Some(rows) => stored.rows += rows,
+            None => stored.shards_missing += 1,
+        }
+    }
+    Ok(stored)
+}
+
+/// Names of a shard's columns, in order.
+///
+/// # Errors
+/// It is not Parquet.
+pub fn columns(path: &Path) -> Result<Vec<String>, DatasetError> {
+    let file = File::open(path).map_err(DatasetError::io(path))?;
+    let reader = SerializedFileReader::new(file).map_err(DatasetError::parquet(path))?;
+    let schema = reader.metadata().file_metadata().schema();
+    Ok(schema.get_fields().iter().map(|field| field.name().to_owned()).collect())
+}
+
 /// Whether a shard is there and stands for exactly these rows.
 pub(crate) fn is_complete(path: &Path, rows: &Range<u64>) -> bool {
+    rows_in(path, rows).is_some()
+}
+
+/// Rows in a shard that is there and stands for exactly these rows.
+fn rows_in(path: &Path, rows: &Range<u64>) -> Option<u64> {
     let wanted = format!("{}..{}", rows.start, rows.end);
-    let Ok(reader) = File::open(path).map_err(Into::into).and_then(SerializedFileReader::new) else {
-        return false;
-    };
-    let pairs = reader.metadata().file_metadata().key_value_metadata();
-    pairs.is_some_and(|pairs| {
-        pairs.iter().any(|pair| pair.key == ROWS_KEY && pair.value.as_deref() == Some(wanted.as_str()))
-    })
+    let reader = File::open(path).map_err(Into::into).and_then(SerializedFileReader::new).ok()?;
+    let metadata = reader.metadata().file_metadata();
+    let stands = |pair: &KeyValue| pair.key == ROWS_KEY && pair.value.as_deref() == Some(wanted.as_str());
+    metadata.key_value_metadata()?.iter().any(stands).then_some(metadata.num_rows() as u64)
 }
 
 /// SHA-256 over `meta.json` and every shard in order, lowercase hex: what a model says it was made of.

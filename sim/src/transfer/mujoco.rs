@@ -76,14 +76,29 @@ enum Question<'a> {
         points_m: &'a [[f32; 2]],
     },
     TimeStand {
-        position_rad: &'a [f32],
-        stiffness_nm_per_rad: f32,
-        damping_nms_per_rad: f32,
-        effort_nm: f32,
-        settling_steps: usize,
+        #[serde(flatten)]
+        stand: StandQuestion<'a>,
         rounds: usize,
         steps: usize,
     },
+    TimeRollouts {
+        #[serde(flatten)]
+        stand: StandQuestion<'a>,
+        rounds: usize,
+        steps: usize,
+        rollouts: usize,
+        threads: usize,
+    },
+}
+
+/// How motors hold the robot where it is.
+#[derive(Serialize)]
+struct StandQuestion<'a> {
+    position_rad: &'a [f32],
+    stiffness_nm_per_rad: f32,
+    damping_nms_per_rad: f32,
+    effort_nm: f32,
+    settling_steps: usize,
 }
 
 impl Question<'_> {
@@ -98,6 +113,7 @@ impl Question<'_> {
             Self::Step { .. } => "step",
             Self::Heights { .. } => "look at heights",
             Self::TimeStand { .. } => "time its steps",
+            Self::TimeRollouts { .. } => "time its rollouts",
         }
     }
 }
@@ -236,17 +252,41 @@ impl MujocoPlant {
     /// # Errors
     /// The process fails, or the robot falls.
     pub fn standing_step_us(&mut self) -> Result<f64, TransferError> {
+        let stand_rad = self.robot.stand_position_rad();
         let question = Question::TimeStand {
-            position_rad: &self.robot.stand_position_rad(),
-            stiffness_nm_per_rad: self.robot.stand.stiffness_nm_per_rad,
-            damping_nms_per_rad: self.robot.stand.damping_nms_per_rad,
-            effort_nm: self.robot.drive.effort_nm,
-            settling_steps: speed::SETTLING_STEPS,
+            stand: self.stand_question(&stand_rad),
             rounds: speed::ROUNDS,
             steps: speed::STEPS,
         };
         let Timed { step_us } = self.link.ask(question.action(), &question)?;
         Ok(step_us)
+    }
+
+    /// Wall time for one of the steps of `mujoco.rollout` while robots stand where this one was placed,
+    /// µs, as [`speed::rollouts_step_us`] takes it.
+    ///
+    /// # Errors
+    /// The process fails, or the robot falls.
+    pub fn rollouts_step_us(&mut self, position_rad: &[f32], threads: usize) -> Result<f64, TransferError> {
+        let question = Question::TimeRollouts {
+            stand: self.stand_question(position_rad),
+            rounds: speed::ROLLOUT_ROUNDS,
+            steps: speed::ROLLOUT_STEPS,
+            rollouts: speed::ROLLOUTS,
+            threads,
+        };
+        let Timed { step_us } = self.link.ask(question.action(), &question)?;
+        Ok(step_us)
+    }
+
+    fn stand_question<'a>(&self, position_rad: &'a [f32]) -> StandQuestion<'a> {
+        StandQuestion {
+            position_rad,
+            stiffness_nm_per_rad: self.robot.stand.stiffness_nm_per_rad,
+            damping_nms_per_rad: self.robot.stand.damping_nms_per_rad,
+            effort_nm: self.robot.drive.effort_nm,
+            settling_steps: speed::SETTLING_STEPS,
+        }
     }
 
     /// Whether everything since the last check was answered.

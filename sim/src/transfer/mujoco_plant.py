@@ -12,6 +12,7 @@
   {"do": "heights", "points_m": [[x, y]]}               -> {"heights_m"}, null where nothing is hit
   {"do": "time_stand", "position_rad", "stiffness_nm_per_rad", "damping_nms_per_rad", "effort_nm",
    "settling_steps", "rounds", "steps"}                 -> {"step_us"}, on a copy: nothing moves
+  {"do": "time_rollouts", the same, "rollouts", "threads"}   -> {"step_us"} of mujoco.rollout, likewise
 
 state: {"joint_position_rad", "joint_velocity_rad_per_s", "position_m", "orientation_xyzw",
   "linear_in_world", "angular_in_base", "foot_contact", "base_contact", "nonfoot_contact"}, or
@@ -136,9 +137,8 @@ class Plant:
             heights_m.append(top_m - depth_m if depth_m >= 0 else None)
         return {"heights_m": heights_m}
 
-    def time_stand(self, position_rad, stiffness_nm_per_rad, damping_nms_per_rad, effort_nm, settling_steps,
-                   rounds, steps):
-        """Mean time of a step of STEP_S in the fastest round, motors as position servos."""
+    def standing(self, position_rad, stiffness_nm_per_rad, damping_nms_per_rad, effort_nm, settling_steps):
+        """A copy that steps by STEP_S and stands still, motors as position servos."""
         model, data = copy.copy(self.model), copy.copy(self.data)
         model.opt.timestep = STEP_S
         model.actuator_gaintype[:] = mujoco.mjtGain.mjGAIN_FIXED
@@ -150,16 +150,44 @@ class Plant:
         model.actuator_forcerange[:] = [-effort_nm, effort_nm]
         wanted_rad = {model.joint(name).id: at for name, at in zip(self.request["joints"], position_rad)}
         data.ctrl[:] = [wanted_rad[joint] for joint in model.actuator_trnid[:, 0].tolist()]
-        start_m = data.qpos[2]
         mujoco.mj_step(model, data, settling_steps)
+        return model, data
+
+    def check_standing(self, height_m):
+        start_m = self.data.qpos[2]
+        if not abs(height_m - start_m) < 0.1:
+            raise ValueError(f"found the base at {height_m:.3f} m, wanted it standing near {start_m:.3f} m")
+
+    def time_stand(self, rounds, steps, **stand):
+        """Mean time of a step of STEP_S in the fastest round."""
+        model, data = self.standing(**stand)
         fastest_s = numpy.inf
         for _ in range(rounds):
             start_s = time.perf_counter()
             mujoco.mj_step(model, data, steps)
             fastest_s = min(fastest_s, time.perf_counter() - start_s)
-        if not abs(data.qpos[2] - start_m) < 0.1:
-            raise ValueError(f"found the base at {data.qpos[2]:.3f} m, wanted it standing near {start_m:.3f} m")
+        self.check_standing(data.qpos[2])
         return {"step_us": 1e6 * fastest_s / steps}
+
+    def time_rollouts(self, rounds, steps, rollouts, threads, **stand):
+        """Wall time for a step of STEP_S in the fastest round of as many rollouts, all threads at work."""
+        from mujoco import rollout
+
+        model, data = self.standing(**stand)
+        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        start = numpy.empty(mujoco.mj_stateSize(model, kind))
+        mujoco.mj_getState(model, data, start, kind)
+        starts, control = numpy.tile(start, (rollouts, 1)), data.ctrl.reshape(1, 1, -1).copy()
+        workspaces = [copy.copy(data) for _ in range(threads)]
+        fastest_s = numpy.inf
+        with rollout.Rollout(nthread=threads) as pool:
+            for _ in range(rounds):
+                start_s = time.perf_counter()
+                states, _ = pool.rollout(model, workspaces, starts, control, nstep=steps)
+                fastest_s = min(fastest_s, time.perf_counter() - start_s)
+        # Behind the time comes the position.
+        self.check_standing(states[-1, -1, 3])
+        return {"step_us": 1e6 * fastest_s / (steps * rollouts)}
 
     def state(self):
         data = self.data

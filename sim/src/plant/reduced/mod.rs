@@ -21,6 +21,10 @@ use crate::terrain::Terrain;
 
 /// Of the base, before the joints: linear, then angular.
 const BASE_DOFS: usize = 6;
+/// Values to a vector register: what is summed by degree of freedom lies in slots, padded to whole ones.
+const LANES: usize = 4;
+/// Slots of the base; the joints' follow.
+const BASE_SLOTS: usize = 2 * LANES;
 /// Sweeps over the rows with the pull out of what is too deep, and then without it.
 const SWEEPS: [usize; 2] = [4, 2];
 
@@ -96,6 +100,32 @@ impl Motion {
     }
 }
 
+/// Slots of a robot with so many joints.
+fn slots(joints: usize) -> usize {
+    BASE_SLOTS + joints.next_multiple_of(LANES)
+}
+
+/// Four sums side by side, since one sum alone waits for each addition; of whole registers.
+fn dot(a: &[f32], b: &[f32]) -> f32 {
+    let mut sums = [0.0; LANES];
+    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
+        for lane in 0..LANES {
+            sums[lane] += a[lane] * b[lane];
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
+}
+
+/// `to += times · direction`, of whole registers.
+fn add(to: &mut [f32], direction: &[f32], times: f32) {
+    let (to, direction) = (to.as_chunks_mut::<LANES>().0, direction.as_chunks::<LANES>().0);
+    for (to, direction) in to.iter_mut().zip(direction) {
+        for lane in 0..LANES {
+            to[lane] += times * direction[lane];
+        }
+    }
+}
+
 /// The rotation by a vector's length about its direction.
 fn turned(by: Vector) -> Rotation {
     let angle = by.length();
@@ -110,7 +140,7 @@ impl Reduced {
         Self {
             shapes: Shapes::of(robot, &tree, terrain),
             inertia: Inertia::for_tree(&tree),
-            rows: Rows::new(tree.dofs()),
+            rows: Rows::new(tree.joints.len()),
             tree,
             substeps,
         }
@@ -123,20 +153,22 @@ impl Reduced {
             self.tree.pose_links(motion);
             self.inertia.assemble(&self.tree, motion, variation.base_mass_offset_kg);
             self.inertia.accelerate(&self.tree, motion, torque_nm, dt);
-            self.rows.start();
+            self.rows.start(&motion.velocity);
             self.rows.add_ranges(&self.tree, &self.inertia, motion, dt);
             let (rows, tree, inertia) = (&mut self.rows, &self.tree, &self.inertia);
             self.shapes.meet(tree, motion, variation.friction, |contact| {
                 rows.add_contact(tree, inertia, contact, motion, dt);
             });
-            rows.warm_start(&mut motion.velocity);
+            rows.warm_start();
             for _ in 0..SWEEPS[0] {
-                rows.sweep(&mut motion.velocity, true);
+                rows.sweep(true);
             }
+            rows.write_velocity(inertia, &mut motion.velocity);
             motion.integrate(dt);
             for _ in 0..SWEEPS[1] {
-                rows.sweep(&mut motion.velocity, false);
+                rows.sweep(false);
             }
+            rows.write_velocity(inertia, &mut motion.velocity);
             rows.keep(&mut motion.pressing);
         }
     }

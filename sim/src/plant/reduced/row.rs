@@ -2,7 +2,9 @@
 
 use rapier3d::math::Vector;
 
-use super::{BASE_DOFS, Motion, Pressing, contact::Contact, inertia::Inertia, tree::Tree};
+use super::{
+    BASE_DOFS, BASE_SLOTS, Motion, Pressing, add, contact::Contact, dot, inertia::Inertia, slots, tree::Tree,
+};
 
 /// Natural frequency, Hz, and damping ratio at which the ground pushes out what is too deep.
 const CONTACT_HZ: f32 = 60.0;
@@ -18,21 +20,32 @@ const RANGE_MARGIN_RAD: f32 = 0.05;
 /// normal:   J·u ≥ −b,  λ ≥ 0        b = d/Δt ahead of touching, else soft; 0 in the sweeps without pull
 /// friction: J·u → 0,   |λ_t| ≤ µ·λ_n   in both tangents together
 /// ```
+///
+/// Solved in coordinates in which the mass matrix `Lᵀ·L` is one:
+///
+/// ```text
+/// W = J·L⁻¹,   J·u = J·u_free + W·z,   z = Wᵀ·λ,   u = u_free + L⁻¹·z
+/// ```
 #[derive(Clone)]
 pub(super) struct Rows {
-    dofs: usize,
-    /// `[row][degree of freedom]`.
-    jacobian: Vec<f32>,
-    /// `M⁻¹·Jᵀ`, likewise.
-    response: Vec<f32>,
+    slots: usize,
+    /// `W`, `[row][slot]`.
+    reach: Vec<f32>,
+    /// `u_free`, by slot.
+    free: Vec<f32>,
+    /// `z`, by slot.
+    change: Vec<f32>,
+    moved: Vec<f32>,
     all: Vec<Row>,
     contacts: Vec<Touch>,
 }
 
 #[derive(Clone, Copy)]
 struct Row {
-    /// 1/(J·M⁻¹·Jᵀ).
+    /// 1/(W·Wᵀ).
     mass: f32,
+    /// `J·u_free`, m/s.
+    speed: f32,
     /// With and without pull, m/s.
     bias: [f32; 2],
     /// Factor on the impulse in the sweeps with pull.
@@ -60,15 +73,28 @@ struct Touch {
 }
 
 impl Rows {
-    pub(super) fn new(dofs: usize) -> Self {
-        Self { dofs, jacobian: Vec::new(), response: Vec::new(), all: Vec::new(), contacts: Vec::new() }
+    pub(super) fn new(joints: usize) -> Self {
+        let slots = slots(joints);
+        Self {
+            slots,
+            reach: Vec::new(),
+            free: vec![0.0; slots],
+            change: vec![0.0; slots],
+            moved: vec![0.0; slots],
+            all: Vec::new(),
+            contacts: Vec::new(),
+        }
     }
 
-    pub(super) fn start(&mut self) {
-        self.jacobian.clear();
-        self.response.clear();
+    /// No rows yet, at a velocity by degree of freedom.
+    pub(super) fn start(&mut self, velocity: &[f32]) {
+        self.reach.clear();
         self.all.clear();
         self.contacts.clear();
+        self.change.fill(0.0);
+        let (base, joints) = velocity.split_at(BASE_DOFS);
+        self.free[..BASE_DOFS].copy_from_slice(base);
+        self.free[BASE_SLOTS..][..joints.len()].copy_from_slice(joints);
     }
 
     /// Joints at the ends of their ranges.
@@ -81,7 +107,7 @@ impl Rows {
             {
                 if left_rad < reach {
                     let row = self.push_row();
-                    row[BASE_DOFS + index] = sign;
+                    row[BASE_SLOTS + index] = sign;
                     let ahead = left_rad.max(0.0) / dt;
                     self.finish_row(inertia, [left_rad / dt, ahead], 1.0, Kind::Push);
                 }
@@ -129,9 +155,9 @@ impl Rows {
     }
 
     fn push_row(&mut self) -> &mut [f32] {
-        let from = self.jacobian.len();
-        self.jacobian.resize(from + self.dofs, 0.0);
-        &mut self.jacobian[from..]
+        let from = self.reach.len();
+        self.reach.resize(from + self.slots, 0.0);
+        &mut self.reach[from..]
     }
 
     /// Velocity of side 2 against side 1 at the point, along a direction.
@@ -147,59 +173,73 @@ impl Rows {
             for joint in &tree.path[link] {
                 let placed = &tree.placed[joint + 1];
                 let arm = contact.point - placed.origin;
-                row[BASE_DOFS + joint] += sign * placed.axis.cross(arm).dot(direction);
+                row[BASE_SLOTS + joint] += sign * placed.axis.cross(arm).dot(direction);
             }
         }
     }
 
+    /// Makes the last row of J one of W.
     fn finish_row(&mut self, inertia: &Inertia, bias: [f32; 2], softness: f32, kind: Kind) {
-        let from = self.response.len();
-        self.response.extend_from_slice(&self.jacobian[from..]);
-        inertia.solve(&mut self.response[from..]);
-        let effect = dot(&self.jacobian[from..], &self.response[from..]);
+        let from = self.reach.len() - self.slots;
+        let row = &mut self.reach[from..];
+        let speed = dot(row, &self.free);
+        inertia.solve_transposed(row);
+        let effect = dot(row, row);
         let mass = if effect > 1e-9 { 1.0 / effect } else { 0.0 };
-        self.all.push(Row { mass, bias, softness, impulse: 0.0, kind });
+        self.all.push(Row { mass, speed, bias, softness, impulse: 0.0, kind });
     }
 
     /// Applies what the rows were begun with.
-    pub(super) fn warm_start(&self, velocity: &mut [f32]) {
-        for (row, response) in self.all.iter().zip(self.response.chunks_exact(self.dofs)) {
+    pub(super) fn warm_start(&mut self) {
+        for (row, reach) in self.all.iter().zip(self.reach.chunks_exact(self.slots)) {
             if row.impulse != 0.0 {
-                add(velocity, response, row.impulse);
+                add(&mut self.change, reach, row.impulse);
             }
         }
     }
 
+    /// The velocity with the impulses so far, by degree of freedom.
+    pub(super) fn write_velocity(&mut self, inertia: &Inertia, velocity: &mut [f32]) {
+        self.moved.copy_from_slice(&self.change);
+        inertia.solve(&mut self.moved);
+        let (base, joints) = velocity.split_at_mut(BASE_DOFS);
+        let write = |to: &mut [f32], from: usize| {
+            for ((to, free), moved) in to.iter_mut().zip(&self.free[from..]).zip(&self.moved[from..]) {
+                *to = free + moved;
+            }
+        };
+        write(base, 0);
+        write(joints, BASE_SLOTS);
+    }
+
     /// Each row once.
-    pub(super) fn sweep(&mut self, velocity: &mut [f32], pulled: bool) {
-        let dofs = self.dofs;
-        let span = |row: usize| row * dofs..(row + 1) * dofs;
-        for index in 0..self.all.len() {
-            let row = self.all[index];
-            let relative = |velocity: &[f32], row: usize| dot(&self.jacobian[span(row)], velocity);
+    pub(super) fn sweep(&mut self, pulled: bool) {
+        let Self { slots, reach, change, all, .. } = self;
+        let reach = |row: usize| &reach[row * *slots..][..*slots];
+        for index in 0..all.len() {
+            let row = all[index];
             match row.kind {
                 Kind::Push => {
                     let (bias, softness) =
                         if pulled { (row.bias[0], row.softness) } else { (row.bias[1], 1.0) };
-                    let asked = row.impulse - row.mass * (relative(velocity, index) + bias);
-                    let impulse = (softness * asked).max(0.0);
-                    add(velocity, &self.response[span(index)], impulse - row.impulse);
-                    self.all[index].impulse = impulse;
+                    let speed = row.speed + dot(reach(index), change);
+                    let impulse = (softness * (row.impulse - row.mass * (speed + bias))).max(0.0);
+                    add(change, reach(index), impulse - row.impulse);
+                    all[index].impulse = impulse;
                 }
                 Kind::Friction { normal, coefficient } => {
-                    let second = self.all[index + 1];
-                    let asked = [
-                        row.impulse - row.mass * relative(velocity, index),
-                        second.impulse - second.mass * relative(velocity, index + 1),
-                    ];
+                    let both = [row, all[index + 1]];
+                    let asked = [0, 1].map(|offset| {
+                        let Row { mass, speed, impulse, .. } = both[offset];
+                        impulse - mass * (speed + dot(reach(index + offset), change))
+                    });
                     let length = (asked[0] * asked[0] + asked[1] * asked[1]).sqrt();
-                    let bound = coefficient * self.all[normal].impulse;
+                    let bound = coefficient * all[normal].impulse;
                     let share = if length > bound { bound / length } else { 1.0 };
                     for (offset, asked) in asked.into_iter().enumerate() {
                         let impulse = asked * share;
-                        let change = impulse - self.all[index + offset].impulse;
-                        add(velocity, &self.response[span(index + offset)], change);
-                        self.all[index + offset].impulse = impulse;
+                        add(change, reach(index + offset), impulse - both[offset].impulse);
+                        all[index + offset].impulse = impulse;
                     }
                 }
                 Kind::SecondTangent => {}
@@ -221,25 +261,5 @@ impl Rows {
                 });
             }
         }
-    }
-}
-
-/// Four sums side by side: one sum alone waits for each addition.
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let (a_fours, a_rest) = a.as_chunks::<4>();
-    let (b_fours, b_rest) = b.as_chunks::<4>();
-    let mut sums = [0.0; 4];
-    for (a, b) in a_fours.iter().zip(b_fours) {
-        for lane in 0..4 {
-            sums[lane] += a[lane] * b[lane];
-        }
-    }
-    let rest: f32 = a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum();
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
-}
-
-fn add(to: &mut [f32], direction: &[f32], times: f32) {
-    for (to, direction) in to.iter_mut().zip(direction) {
-        *to += times * direction;
     }
 }

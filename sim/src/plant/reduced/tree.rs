@@ -3,7 +3,7 @@
 use rapier3d::math::{Matrix, Rotation, Vector};
 use vocaloco_core::robot::RobotModel;
 
-use super::{BASE_DOFS, BasePose, Motion};
+use super::{BasePose, Motion};
 use crate::plant::{articulation::parent_link, world::vector};
 
 /// The joint that carries link `i + 1`.
@@ -78,11 +78,6 @@ impl Tree {
             placed: vec![placed; path.len()],
             path,
         }
-    }
-
-    /// Degrees of freedom.
-    pub(super) fn dofs(&self) -> usize {
-        BASE_DOFS + self.joints.len()
     }
 
     /// Finds where every link is.

@@ -1,0 +1,120 @@
+//! `data score`: a model's predictions against the labels of a data set that it was not fitted to.
+
+use std::path::Path;
+
+use anyhow::{Context, anyhow, ensure};
+use serde::Serialize;
+use vocaloco_core::{
+    heightfield::Field,
+    predictor::{Predictor, Quantity},
+};
+use vocaloco_sim::{
+    dataset::{self, Dataset, Kind},
+    scores,
+};
+
+use crate::{exit::Exit, output, verbs::Shared};
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report {
+    command: String,
+    seed: u64,
+    version: &'static str,
+    model_sha256: String,
+    kind: Kind,
+    /// Rows for training.
+    rows: usize,
+    rollouts: u64,
+    #[serde(flatten)]
+    scores: Scores,
+}
+
+#[derive(Serialize)]
+#[serde(untagged)]
+enum Scores {
+    Viability {
+        brier: f64,
+        /// What a predictor that knows every field's own viability would score.
+        brier_best: Option<f64>,
+        ece: f64,
+        auc: Option<f64>,
+    },
+    Cot {
+        mae: f64,
+        r2: Option<f64>,
+    },
+}
+
+pub(super) fn run(folder: &Path, model: &Path, shared: Shared) -> anyhow::Result<Exit> {
+    let data = dataset::read(folder)?;
+    let kind = data.meta.kind;
+    let quantity = match kind {
+        Kind::Viability => Quantity::Viability,
+        Kind::Cot => Quantity::Cot,
+    };
+    let mut predictor = Predictor::load(model, quantity)?;
+    let rows: Vec<usize> = (0..data.len()).filter(|row| data.trainable[*row]).collect();
+    ensure!(!rows.is_empty(), "{}: found no row for training, wanted 1 or more", folder.display());
+    let pairs = rows.iter().map(|row| {
+        let field = Field::from_slice(&data.fields[*row])
+            .ok_or_else(|| anyhow!("row {}: found a height that is no number", data.rows[*row]))?;
+        let predicted = predictor.predict(&field).with_context(|| format!("row {}", data.rows[*row]))?;
+        Ok((predicted, data.labels[*row]))
+    });
+    let pairs = pairs.collect::<anyhow::Result<Vec<(f32, f32)>>>()?;
+    let report = Report {
+        command: format!("vocaloco data score {} --model {}", folder.display(), model.display()),
+        seed: data.meta.config.seed,
+        version: env!("CARGO_PKG_VERSION"),
+        model_sha256: predictor.sha256().to_owned(),
+        kind,
+        rows: rows.len(),
+        rollouts: rows.iter().map(|row| u64::from(data.rollouts[*row])).sum(),
+        scores: match kind {
+            Kind::Viability => Scores::Viability {
+                brier: scores::brier(&pairs),
+                brier_best: brier_best(&data, &rows),
+                ece: scores::ece(&pairs),
+                auc: scores::auc(&pairs),
+            },
+            Kind::Cot => Scores::Cot { mae: scores::mae(&pairs), r2: scores::r2(&pairs) },
+        },
+    };
+    if shared.json {
+        output::json(&report)?
+    } else {
+        table(&report)?
+    }
+    Ok(Exit::Fine)
+}
+
+/// The Brier score that the chance in the rollouts leaves to the best predictor: the mean variance of an
+/// outcome, from rows of two rollouts and more.
+///
+/// ```text
+/// mean of l·(1 − l)·n/(n − 1)
+/// ```
+fn brier_best(data: &Dataset, rows: &[usize]) -> Option<f64> {
+    let variances = rows.iter().filter(|row| data.rollouts[**row] > 1).map(|row| {
+        let (label, n) = (f64::from(data.labels[*row]), f64::from(data.rollouts[*row]));
+        label * (1.0 - label) * n / (n - 1.0)
+    });
+    let (count, sum) = variances.fold((0_usize, 0.0), |(count, sum), variance| (count + 1, sum + variance));
+    (count > 0).then(|| sum / count as f64)
+}
+
+fn table(report: &Report) -> anyhow::Result<()> {
+    let or_dash = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"));
+    let scores = match &report.scores {
+        Scores::Viability { brier, brier_best, ece, auc } => format!(
+            "Brier {brier:.4} (best possible {}), ECE {ece:.4}, AUC {}",
+            or_dash(*brier_best),
+            or_dash(*auc)
+        ),
+        Scores::Cot { mae, r2 } => format!("MAE {mae:.4}, R² {}", or_dash(*r2)),
+    };
+    output::line(&format!("{} rows, {} rollouts: {scores}", report.rows, report.rollouts))?;
+    output::line(&report.command)?;
+    Ok(())
+}
