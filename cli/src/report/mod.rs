@@ -10,13 +10,15 @@ mod strip;
 
 use serde::Serialize;
 
-pub(crate) use course::{PackedCourse, Story, path};
+pub(crate) use course::{PackedCourse, Story, path, told};
 pub(crate) use look::page;
 pub(crate) use strip::strip;
 
 /// Everything the page shows.
 #[derive(Serialize)]
 pub(crate) struct Report {
+    /// Over the page.
+    pub(crate) title: &'static str,
     /// Version of the program that wrote it.
     pub(crate) version: &'static str,
     /// The command that repeats it.
@@ -47,11 +49,14 @@ impl Report {
             include_str!("course.js"),
             include_str!("scene.js"),
             include_str!("charts.js"),
+            include_str!("section.js"),
             include_str!("page.js"),
         ]
         .concat();
         let mut page = include_str!("report.html").to_owned();
         for (slot, content) in [
+            ("{{TITLE}}", self.title),
+            ("{{TITLE}}", self.title),
             ("/*{{STYLE}}*/", include_str!("report.css")),
             ("/*{{SCRIPT}}*/", script.as_str()),
             ("/*{{DATA}}*/", data.as_str()),
@@ -68,6 +73,7 @@ mod tests {
 
     fn report(lead: &str) -> String {
         let report = Report {
+            title: "Title",
             version: "1.2.3",
             command: "vocaloco demo --seed 7".to_owned(),
             seed: 7,
