@@ -5,19 +5,22 @@ use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
-use vocaloco_core::decision::{Decision, Forced, SkillVerdict, Timings};
+use vocaloco_core::decision::{Decision, Forced, RosterSkill, SkillVerdict, Timings};
 use vocaloco_core::decision_log::{LogWriter, SCHEMA, Setup, SetupSkill};
 use vocaloco_core::heightfield::{CELLS, Field};
 use vocaloco_core::selector::Reason;
 
-fn setup() -> Setup {
-    let skill = |name: &str, viability_threshold: f32| SetupSkill {
+fn skill(name: &str, viability_threshold: f32) -> SetupSkill {
+    SetupSkill {
         name: name.to_owned(),
         viability_threshold,
         cost_margin: 0.1,
         position_target: false,
         forward_m_per_s: [0.4, 0.7],
-    };
+    }
+}
+
+fn setup() -> Setup {
     Setup {
         schema: SCHEMA,
         version: "1.2.3".to_owned(),
@@ -59,6 +62,10 @@ fn decisions() -> Vec<Decision> {
         reason: "the only viable skill; 3 of 10 ticks in a row, trot goes on".to_owned(),
         events: vec!["a line with \"quotes\" and → arrows".to_owned()],
         timings: Some(Timings { predict_us: 61.5, act_us: 12.0, total_us: 80.25 }),
+        roster: Some(vec![
+            RosterSkill { is_new: false, setup: skill("trot", 0.95) },
+            RosterSkill { is_new: true, setup: skill("climb", 0.925) },
+        ]),
     };
     let blind = Decision {
         t_s: 0.32,
@@ -74,6 +81,7 @@ fn decisions() -> Vec<Decision> {
         stopped: true,
         forced: Some(Forced::Terrain),
         timings: None,
+        roster: None,
         ..whole.clone()
     };
     vec![whole, blind]

@@ -45,7 +45,7 @@ impl Danger {
 /// ```
 ///
 /// The way from level ground (α = 0) to the field (α = 1) is cut into parts p in which viability changes by
-/// equal amounts, ΔV_p; α_p is the middle of a part. A single cell that is hidden or levelled says little
+/// equal amounts, `ΔV_p`; `α_p` is the middle of a part. A single cell that is hidden or levelled says little
 /// about stairs, which span the field; and where viability has saturated at 0 its gradient vanishes. A path
 /// from level ground has neither trouble.
 ///
