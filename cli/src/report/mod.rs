@@ -2,16 +2,20 @@
 //! Recordings are packed in [`course`]; the page's own style and scripts stand beside this file.
 
 mod base64;
+mod chart;
 mod course;
 mod look;
 mod motion;
+mod paper;
 mod shapes;
 mod strip;
 
 use serde::Serialize;
 
+pub(crate) use chart::{Axis, Figure, Ink, Inks, Key, Mark, Marker, Panel, Style};
 pub(crate) use course::{PackedCourse, Story, path, told};
 pub(crate) use look::page;
+pub(crate) use paper::{ClaimLine, Paper};
 pub(crate) use strip::strip;
 
 /// Everything the page shows.

@@ -5,6 +5,7 @@ mod calibration;
 mod calibration_page;
 mod course;
 mod handover;
+mod paper;
 mod store;
 mod success;
 mod switches;
@@ -32,6 +33,8 @@ enum Experiment {
     Success(success::Args),
     /// Courses driven once, every tick kept: predictions, choice and active skill over time
     Course(course::Args),
+    /// The paper's experiments: tables, figures and a page that holds our results beside its claims
+    All(paper::Args),
     /// How hard the joints are shaken while one skill takes over from another
     Switches(switches::Args),
     /// One skill takes over from another while the hind feet are still on a staircase's last step
@@ -46,6 +49,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         Experiment::Calibration(args) => calibration::run(&args),
         Experiment::Success(args) => success::run(&args),
         Experiment::Course(args) => course::run(&args),
+        Experiment::All(args) => paper::run(&args),
         Experiment::Switches(args) => switches::run(&args),
         Experiment::Handover(args) => handover::run(&args),
         Experiment::Transfer(args) => transfer::run(&args),
