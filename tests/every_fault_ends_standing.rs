@@ -33,6 +33,7 @@ fn observation(runtime: &Runtime, tick: u64) -> Observation {
         }),
         command: Command::velocity(0.5, 0.0, 0.0),
         field_noise: None,
+        heightfield: None,
     }
 }
 

@@ -8,8 +8,14 @@ use std::sync::LazyLock;
 
 use vocaloco_tests::repository;
 
-const DOCUMENTS: [&str; 5] =
-    ["README.md", "docs/reproduce.md", "docs/method.md", "docs/locks.md", "docs/switching.md"];
+const DOCUMENTS: [&str; 6] = [
+    "README.md",
+    "docs/reproduce.md",
+    "docs/method.md",
+    "docs/locks.md",
+    "docs/switching.md",
+    "docs/paper.md",
+];
 
 /// Lines of the code blocks of one language.
 fn blocks(text: &str, language: &str) -> Vec<String> {

@@ -147,6 +147,7 @@ impl Walking {
             elevation: Some(self.terrain.elevation(&from, &MAP, t_s)),
             command: Command::velocity(0.6, 0.0, (-0.5 * measured.base.yaw()).clamp(-1.0, 1.0)),
             field_noise: None,
+            heightfield: None,
         };
         spoil(&mut observation);
         let ticked = self.runtime.tick(&observation);

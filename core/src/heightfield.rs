@@ -100,14 +100,7 @@ impl Heightfield {
     /// # Source
     /// Wu et al. (2025), selection step 1; leading cells, limits and clipping are our own.
     pub fn prepare(&self, noise: Option<&Noise>) -> Result<Field, HeightfieldError> {
-        let unknown = self.unknown_cells();
-        if unknown > MAX_UNKNOWN {
-            return Err(HeightfieldError::Unknown { unknown });
-        }
-        let mut cells_m = self.cells_m;
-        for column in 0..COLUMNS {
-            fill(&mut cells_m, column)?;
-        }
+        let Self { mut cells_m } = self.filled()?;
         let centre_m = cells_m[CENTRE[0]][CENTRE[1]];
         for height in cells_m.iter_mut().flatten() {
             *height = (*height - centre_m).clamp(-CLIP_M, CLIP_M);
@@ -116,6 +109,23 @@ impl Heightfield {
             add(&mut cells_m, noise)?;
         }
         Ok(Field { cells_m })
+    }
+
+    /// The first step of [`prepare`](Self::prepare) alone: every unknown cell takes the last known value
+    /// behind it, leading ones the first ahead.
+    ///
+    /// # Errors
+    /// When more than 40 % of the cells are unknown or a column has no known cell.
+    pub fn filled(&self) -> Result<Self, HeightfieldError> {
+        let unknown = self.unknown_cells();
+        if unknown > MAX_UNKNOWN {
+            return Err(HeightfieldError::Unknown { unknown });
+        }
+        let mut cells_m = self.cells_m;
+        for column in 0..COLUMNS {
+            fill(&mut cells_m, column)?;
+        }
+        Ok(Self { cells_m })
     }
 }
 

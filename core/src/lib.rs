@@ -2,6 +2,7 @@
 //! chosen skill. Knows no physics engine, no training and no particular skill.
 
 pub mod bundle;
+pub mod danger;
 pub mod decision;
 pub mod decision_log;
 pub mod elevation;

@@ -4,7 +4,7 @@ use thiserror::Error;
 use vocaloco_plugin_api::{Command, RobotDescription};
 
 use crate::elevation::Elevation;
-use crate::heightfield::Noise;
+use crate::heightfield::{Heightfield, Noise};
 
 /// The robot as measured this tick. Joint arrays follow the robot's joint order, contacts its feet.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +33,9 @@ pub struct Observation {
     pub command: Command,
     /// Noise for the predictors' field, m; only simulators set it.
     pub field_noise: Option<Noise>,
+    /// Heights for the predictors' field in place of the elevation's, where a simulator lets its cameras
+    /// see less than that holds.
+    pub heightfield: Option<Heightfield>,
 }
 
 /// The base's pose in the odometry frame.

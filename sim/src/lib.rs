@@ -4,6 +4,7 @@
 mod angle;
 pub mod calibration;
 pub mod collect;
+pub mod collected;
 pub mod course;
 pub mod dataset;
 pub mod driver;
@@ -13,6 +14,7 @@ pub mod handover;
 pub mod identity;
 pub mod kinematics;
 pub mod latency;
+pub mod occlusion;
 pub mod physics;
 pub mod plant;
 pub mod plant_agreement;

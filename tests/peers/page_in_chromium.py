@@ -95,29 +95,53 @@ class Chromium:
         return found
 
 
+# Visible words of one figure whose boxes share more than a sliver.
+OVERLAPS = """
+[...document.querySelectorAll('figure.plate svg')].filter(svg => svg.getClientRects().length).flatMap(svg => {
+  const boxes = [...svg.querySelectorAll('text')].map(text => [text.textContent, text.getBoundingClientRect()]);
+  const found = [];
+  boxes.forEach(([a, p], i) => boxes.slice(i + 1).forEach(([b, q]) => {
+    const wide = Math.min(p.right, q.right) - Math.max(p.left, q.left);
+    const high = Math.min(p.bottom, q.bottom) - Math.max(p.top, q.top);
+    if (wide > 2 && high > 4) found.push(`${svg.getAttribute('aria-label')}: ${a} | ${b}`);
+  }));
+  const edge = svg.getBoundingClientRect();
+  for (const [a, p] of boxes)
+    if (p.left < edge.left - 3 || p.right > edge.right + 3) found.push(`${svg.getAttribute('aria-label')}: ${a} is cut off`);
+  return found;
+})
+"""
+
+
 def look(chromium, url, width, scheme, folder):
     chromium.call("Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1,
                   mobile=width < 600)
     chromium.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
     chromium.call("Page.navigate", url=url)
     chromium.wait(1.0)
-    chromium.value("document.querySelector('canvas.scene').scrollIntoView({block: 'center'})")
+    # A page may build what can be watched when it comes near.
+    chromium.value("document.getElementById('courses')?.scrollIntoView()")
+    chromium.wait(0.5)
+    chromium.value("document.querySelector('canvas.scene').scrollIntoView({block: 'center', behavior: 'instant'})")
     chromium.wait(0.7)
-    tick = "Number(document.querySelector('section').dataset.tick)"
+    tick = "Number(document.querySelector('section[data-tick]').dataset.tick)"
     picture = "document.querySelector('canvas.scene').toDataURL()"
     first, before = chromium.value(tick), chromium.value(picture)
     chromium.wait(1.5)
     last, after = chromium.value(tick), chromium.value(picture)
     overflow = chromium.value("document.documentElement.scrollWidth - innerWidth")
     if folder:
-        chromium.value("scrollTo(0, 0)")
-        shot = chromium.call("Page.captureScreenshot", format="png")["data"]
-        (pathlib.Path(folder) / f"page-{width}-{scheme}.png").write_bytes(b64decode(shot))
+        chromium.value("scrollTo({top: 0, behavior: 'instant'})")
+        height = min(chromium.value("document.documentElement.scrollHeight"), 16000)
+        for top in range(0, height, 1800):
+            clip = {"x": 0, "y": top, "width": width, "height": min(1800, height - top), "scale": 1}
+            shot = chromium.call("Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)["data"]
+            (pathlib.Path(folder) / f"page-{width}-{scheme}-{top:05}.png").write_bytes(b64decode(shot))
     digest = lambda text: hashlib.sha256(str(text).encode()).hexdigest()
     return {
         "width": width, "scheme": scheme, "ticks": [first, last], "moved": digest(before) != digest(after),
         "overflow_px": overflow, "sections": chromium.value("document.querySelectorAll('section').length"),
-        "errors": chromium.errors(),
+        "overlaps": chromium.value(OVERLAPS), "errors": chromium.errors(),
     }
 
 

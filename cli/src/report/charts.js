@@ -96,15 +96,7 @@ class Charts {
       key.append(drawn('line', { x1: 1, x2: 33, y1: 6, y2: 6, stroke: c.colour(skill.name), 'stroke-width': 2.5, 'stroke-dasharray': c.dash(skill.name) }));
       this.legend.append(element('span', {}, key, `${skill.name} (viable from ${skill.threshold})`));
     }
-    const [viability, yv] = this.frame('predicted viability (probability; dotted: threshold)', 130, 0, 1, 0.25, 2, false);
-    for (const skill of c.skills)
-      viability.append(drawn('line', { class: 'threshold', x1: MARGIN.left, x2: this.width - MARGIN.right, y1: yv(skill.threshold), y2: yv(skill.threshold), stroke: c.colour(skill.name) }));
-    c.skills.forEach((skill, s) => this.curve(viability, yv, k => c.viability(k, s), null, skill.name));
-    let most = 0.2;
-    for (let k = 0; k < c.ticks; k++) c.skills.forEach((_, s) => { most = Math.max(most, c.cost(k, s) ?? 0); });
-    const step = [0.1, 0.2, 0.25, 0.5, 1, 2, 5].find(v => most / v <= 5) || 10;
-    const [cost, yc] = this.frame('predicted cost of transport (dimensionless; pale: not viable)', 110, 0, Math.ceil(most / step) * step, step, step < 0.3 ? 2 : 1, false);
-    c.skills.forEach((skill, s) => this.curve(cost, yc, k => c.cost(k, s), k => c.isViable(k, s), skill.name));
+    const frames = c.skills.length ? this.predictions() : [];
     const [band] = this.frame('chosen each tick, and active after the window', 52, 0, 1, 0, 0, true);
     [['choice', c.choice, 6], ['active', c.active, 33]].forEach(([label, series, top]) => {
       band.append(drawn('text', { x: MARGIN.left - 4, y: top + 15, 'text-anchor': 'end', style: 'font-size:11px' }, label));
@@ -117,10 +109,23 @@ class Charts {
         k = end;
       }
     });
-    for (const [svg, height] of [[viability, 130], [cost, 110], [band, 52]]) {
+    for (const [svg, height] of [...frames, [band, 52]]) {
       const line = drawn('line', { class: 'cursor', y1: 2, y2: height + 8 });
       svg.append(line); this.cursors.push(line);
     }
+  }
+  predictions() {
+    const c = this.course;
+    const [viability, yv] = this.frame('predicted viability (probability; dotted: threshold)', 130, 0, 1, 0.25, 2, false);
+    for (const skill of c.skills)
+      viability.append(drawn('line', { class: 'threshold', x1: MARGIN.left, x2: this.width - MARGIN.right, y1: yv(skill.threshold), y2: yv(skill.threshold), stroke: c.colour(skill.name) }));
+    c.skills.forEach((skill, s) => this.curve(viability, yv, k => c.viability(k, s), null, skill.name));
+    let most = 0.2;
+    for (let k = 0; k < c.ticks; k++) c.skills.forEach((_, s) => { most = Math.max(most, c.cost(k, s) ?? 0); });
+    const step = [0.1, 0.2, 0.25, 0.5, 1, 2, 5].find(v => most / v <= 5) || 10;
+    const [cost, yc] = this.frame('predicted cost of transport (dimensionless; pale: not viable)', 110, 0, Math.ceil(most / step) * step, step, step < 0.3 ? 2 : 1, false);
+    c.skills.forEach((skill, s) => this.curve(cost, yc, k => c.cost(k, s), k => c.isViable(k, s), skill.name));
+    return [[viability, 130], [cost, 110]];
   }
   move(k) { const x = this.x(k); for (const line of this.cursors) { line.setAttribute('x1', x); line.setAttribute('x2', x); } }
 }

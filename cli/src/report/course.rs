@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use vocaloco_core::{decision::Decision, heightfield::Field, robot::RobotModel};
 use vocaloco_sim::{
-    course::{CourseRun, Switch},
+    course::{CourseRun, Outcome, Switch},
     terrain::Terrain,
 };
 
@@ -18,12 +18,13 @@ const FIELD_EVERY: usize = 2;
 const NONE: u16 = u16::MAX;
 
 /// What the page says about a course in words.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub(crate) struct Story {
     pub(crate) id: String,
     pub(crate) title: String,
     pub(crate) summary: String,
-    pub(crate) expected: String,
+    /// The outcome that was expected, where one was.
+    pub(crate) expected: Option<String>,
     pub(crate) as_expected: bool,
 }
 
@@ -78,8 +79,10 @@ impl PackedCourse {
         thresholds: &[(String, f32)],
     ) -> Self {
         let mut series = Series::new(thresholds);
+        let alone = alone(run);
+        series.names.extend(alone.iter().map(|decision| decision.active.clone()));
         for (index, tick) in run.ticks.iter().enumerate() {
-            if let Some(decision) = &tick.decision {
+            if let Some(decision) = tick.decision.as_ref().or(alone.as_ref()) {
                 series.add(decision, index % FIELD_EVERY == 0);
             }
         }
@@ -119,6 +122,33 @@ impl PackedCourse {
     }
 }
 
+/// What stands in for the decisions of a run in which one skill drove alone.
+fn alone(run: &CourseRun) -> Option<Decision> {
+    let decided = run.ticks.iter().any(|tick| tick.decision.is_some());
+    let name = run.skills().first().filter(|_| !decided).map(|name| (*name).to_owned())?;
+    let reason = "one skill alone: nothing is predicted, and nothing stops it".to_owned();
+    Some(Decision { choice: name.clone(), active: name, reason, ..Decision::default() })
+}
+
+/// How a run went, in a sentence or two.
+pub(crate) fn told(run: &CourseRun) -> String {
+    let mut words = match run.outcome {
+        Outcome::Reached => format!("Reached the far flat in {:.1} s", run.duration_s),
+        Outcome::Crashed => format!("The base touched the ground after {:.1} s", run.duration_s),
+        Outcome::Stuck => format!("Stuck: time was up after {:.1} s", run.duration_s),
+        Outcome::Stopped => format!("Stopped, and stood for 2 s, after {:.1} s", run.duration_s),
+    };
+    if let Some(cot) = run.cot {
+        words = format!("{words}; cost of transport {cot:.2}");
+    }
+    let actives: Vec<String> =
+        run.switches.iter().map(|switch| format!("{} from {:.2} s", switch.to, switch.t_s)).collect();
+    if !actives.is_empty() {
+        words = format!("{words}. Active: {}", actives.join(", "));
+    }
+    format!("{words}.")
+}
+
 /// The active skills in the order of use: `walk → ascend → walk`.
 pub(crate) fn path(run: &CourseRun) -> String {
     let skills = run.skills();
@@ -146,6 +176,8 @@ impl Texts {
 
 struct Series {
     names: Vec<String>,
+    /// How many of the names, after `stop` and `stand`, are chosen from.
+    skills: usize,
     texts: Texts,
     predictions: Vec<u16>,
     viable: Vec<u8>,
@@ -161,6 +193,7 @@ impl Series {
         let fixed = ["stop", "stand"].into_iter().map(str::to_owned);
         Self {
             names: fixed.chain(thresholds.iter().map(|(name, _)| name.clone())).collect(),
+            skills: thresholds.len(),
             texts: Texts::default(),
             predictions: Vec::new(),
             viable: Vec::new(),
@@ -184,7 +217,7 @@ impl Series {
                 .map_or(NONE, |v| (v * factor).round().min(65534.0) as u16)
         };
         let mut viable = 0;
-        for (place, name) in self.names[2..].iter().enumerate() {
+        for (place, name) in self.names[2..].iter().take(self.skills).enumerate() {
             // A skill taken out of service may be missing from a record.
             let verdict = decision.skills.iter().find(|verdict| verdict.name == *name);
             self.predictions.push(scaled(verdict.and_then(|v| v.viability), 1e4));
@@ -212,11 +245,7 @@ impl Series {
 
 #[cfg(test)]
 mod tests {
-    use vocaloco_sim::{
-        course::{CourseTick, Outcome},
-        plant::BasePose,
-        terrain::CourseKind,
-    };
+    use vocaloco_sim::{course::CourseTick, plant::BasePose, terrain::CourseKind};
 
     use super::*;
 
@@ -247,13 +276,14 @@ mod tests {
             cot_signed: None,
             switches: Vec::new(),
             nonfoot_contact: false,
+            unseen: None,
             ticks: (0..5).map(tick).collect(),
         };
         let story = Story {
             id: "up".to_owned(),
             title: String::new(),
             summary: String::new(),
-            expected: "stopped".to_owned(),
+            expected: Some("stopped".to_owned()),
             as_expected: true,
         };
         let thresholds = [("walk".to_owned(), 0.95), ("ascend".to_owned(), 0.925)];
@@ -268,6 +298,38 @@ mod tests {
         }
         assert_eq!(length(&packed.field), 3 * 341, "every other tick");
         assert_eq!((packed.choice, packed.active), (base64(&[2; 5]), base64(&[1; 5])));
+    }
+
+    #[test]
+    fn one_skill_alone_is_packed_with_its_name_and_without_predictions() {
+        let robots = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../manifests/robots");
+        let robot = RobotModel::load(&robots, "anymal_d").unwrap();
+        let tick = CourseTick {
+            decision: None,
+            base: BasePose::from_yaw([1.0, 0.0, 0.6], 0.0),
+            joint_position_rad: robot.stand_position_rad(),
+            foot_contact: vec![true; 4],
+        };
+        let run = CourseRun {
+            kind: CourseKind::StairsUp,
+            size_m: 0.12,
+            steps: 3,
+            outcome: Outcome::Crashed,
+            duration_s: 0.04,
+            distance_m: 0.0,
+            cot: None,
+            cot_signed: None,
+            switches: vec![Switch { t_s: 0.0, from: "stand".into(), to: "trot".into() }],
+            nonfoot_contact: true,
+            unseen: None,
+            ticks: vec![tick; 2],
+        };
+        let story = Story { summary: told(&run), ..Story::default() };
+        let packed = PackedCourse::new(story, &run, &robot, &Terrain::course(run.kind, 0.12, 3), &[]);
+        assert_eq!((packed.active, packed.names[2].as_str()), (base64(&[2; 2]), "trot"));
+        assert!(
+            packed.predictions.is_empty() && packed.story.summary.contains("touched the ground after 0.0 s")
+        );
     }
 
     #[test]

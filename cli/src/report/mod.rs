@@ -2,23 +2,29 @@
 //! Recordings are packed in [`course`]; the page's own style and scripts stand beside this file.
 
 mod base64;
+mod chart;
 mod course;
 mod fields;
 mod look;
 mod motion;
+mod paper;
 mod shapes;
 mod strip;
 
 use serde::Serialize;
 
-pub(crate) use course::{PackedCourse, Story, path};
+pub(crate) use chart::{Axis, Figure, Ink, Inks, Key, Mark, Marker, Panel, Style};
+pub(crate) use course::{PackedCourse, Story, path, told};
 pub(crate) use fields::{FieldRow, SampleField, fields};
 pub(crate) use look::page;
+pub(crate) use paper::{ClaimLine, Paper};
 pub(crate) use strip::strip;
 
 /// Everything the page shows.
 #[derive(Serialize)]
 pub(crate) struct Report {
+    /// Over the page.
+    pub(crate) title: &'static str,
     /// Version of the program that wrote it.
     pub(crate) version: &'static str,
     /// The command that repeats it.
@@ -49,11 +55,14 @@ impl Report {
             include_str!("course.js"),
             include_str!("scene.js"),
             include_str!("charts.js"),
+            include_str!("section.js"),
             include_str!("page.js"),
         ]
         .concat();
         let mut page = include_str!("report.html").to_owned();
         for (slot, content) in [
+            ("{{TITLE}}", self.title),
+            ("{{TITLE}}", self.title),
             ("/*{{STYLE}}*/", include_str!("report.css")),
             ("/*{{SCRIPT}}*/", script.as_str()),
             ("/*{{DATA}}*/", data.as_str()),
@@ -70,6 +79,7 @@ mod tests {
 
     fn report(lead: &str) -> String {
         let report = Report {
+            title: "Title",
             version: "1.2.3",
             command: "vocaloco demo --seed 7".to_owned(),
             seed: 7,

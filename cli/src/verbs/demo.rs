@@ -100,7 +100,7 @@ impl CourseRow {
             distance_m: run.distance_m,
             cot: run.cot,
             switches: run.switches.clone(),
-            expected: driven.story.expected.clone(),
+            expected: driven.story.expected.clone().unwrap_or_default(),
             as_expected: driven.story.as_expected,
             note: driven.note.clone(),
         }
@@ -137,6 +137,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
     let backend = predictor::backend();
     let backend = format!("{} {}", backend.name, backend.version);
     let report = Report {
+        title: "VOCALoco demo",
         version: env!("CARGO_PKG_VERSION"),
         command: args.command(),
         seed: args.shared.seed,
@@ -196,7 +197,7 @@ fn print(summary: &Summary, driven: &[Driven], page: &Path) -> anyhow::Result<()
             "{:<12} {:>4.0} cm  {outcome:<8} {:<8} {duration_s:>4.1} s {distance_m:>7.2} m {:>5}  {}{}",
             kind.id(),
             size_m * 100.0,
-            story.expected,
+            story.expected.as_deref().unwrap_or("–"),
             cot.map_or("–".to_owned(), |cot| format!("{cot:.2}")),
             path(run),
             if story.as_expected { "" } else { "  ← not as expected" },

@@ -1,13 +1,18 @@
 //! `evaluate`: measures skills by the protocol. One file an experiment, below.
 
 mod agreement;
+mod arena;
 mod calibration;
 mod calibration_page;
+mod course;
 mod handover;
+mod paper;
+mod store;
 mod success;
 mod switches;
 mod transfer;
 mod viability;
+mod who;
 
 pub(super) use viability::parse_terrain;
 
@@ -27,8 +32,12 @@ enum Experiment {
     Agreement(agreement::Args),
     /// Predicted against collected viability and cost of transport, by size
     Calibration(calibration::Args),
-    /// A course with the selector or one skill alone, by step height
+    /// Courses by step height, with several selectors side by side
     Success(success::Args),
+    /// Courses driven once, every tick kept: predictions, choice and active skill over time
+    Course(course::Args),
+    /// The paper's experiments: tables, figures and a page that holds our results beside its claims
+    All(paper::Args),
     /// How hard the joints are shaken while one skill takes over from another
     Switches(switches::Args),
     /// One skill takes over from another while the hind feet are still on a staircase's last step
@@ -43,6 +52,8 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         Experiment::Agreement(args) => agreement::run(&args),
         Experiment::Calibration(args) => calibration::run(&args),
         Experiment::Success(args) => success::run(&args),
+        Experiment::Course(args) => course::run(&args),
+        Experiment::All(args) => paper::run(&args),
         Experiment::Switches(args) => switches::run(&args),
         Experiment::Handover(args) => handover::run(&args),
         Experiment::Transfer(args) => transfer::run(&args),

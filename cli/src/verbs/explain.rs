@@ -1,5 +1,6 @@
 //! `explain`: why each skill was chosen or refused, from a decisions log, and what would have been.
 
+mod danger;
 mod story;
 mod what_if;
 
@@ -9,6 +10,7 @@ use serde::Serialize;
 use vocaloco_core::decision::Decision;
 use vocaloco_core::decision_log::{DecisionLog, Setup};
 
+use self::danger::DangerOf;
 use self::story::{Event, Stretch, Turn};
 use self::what_if::{Alternative, Changes};
 use super::Shared;
@@ -31,6 +33,9 @@ pub(crate) struct Args {
     /// Explain this tick
     #[arg(long, value_name = "T")]
     tick: Option<u64>,
+    /// Which cells of that tick's field drive each skill's viability, by the installed predictors
+    #[arg(long, requires = "tick")]
+    danger: bool,
     /// Other rules: `threshold.SKILL=V`, `window=N`, `stop_window=N`, `resume_window=N`, comma-separated
     #[arg(long, value_name = "CHANGES")]
     what_if: Option<Changes>,
@@ -50,6 +55,8 @@ struct Report<'a> {
     decision: Option<&'a Decision>,
     #[serde(skip_serializing_if = "Option::is_none")]
     what_if: Option<Alternative>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    danger: Option<Vec<DangerOf>>,
     truncated: Option<&'a str>,
 }
 
@@ -57,6 +64,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
     let log = DecisionLog::read(&args.file)?;
     let decision = args.tick.map(|tick| find(&log, tick)).transpose()?;
     let what_if = args.what_if.as_ref().map(|changes| what_if::decide(changes, &log)).transpose()?;
+    let danger = decision.filter(|_| args.danger).map(danger::of).transpose()?;
     let report = Report {
         command: command(&args),
         seed: args.shared.seed,
@@ -68,6 +76,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         events: story::events(&log.decisions),
         decision,
         what_if,
+        danger,
         truncated: log.truncated.as_deref(),
     };
     if args.shared.json {
@@ -81,6 +90,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
 fn command(args: &Args) -> String {
     let mut words = vec![format!("vocaloco explain {}", args.file.display())];
     words.extend(args.tick.map(|tick| format!("--tick {tick}")));
+    words.extend(args.danger.then(|| "--danger".to_owned()));
     words.extend(args.what_if.as_ref().map(|changes| format!("--what-if {changes}")));
     words.join(" ")
 }
@@ -95,6 +105,9 @@ fn find(log: &DecisionLog, tick: u64) -> anyhow::Result<&Decision> {
 fn say(report: &Report<'_>, decision: Option<&Decision>) -> anyhow::Result<()> {
     if let Some(decision) = decision {
         for line in story::tick(decision, report.setup) {
+            output::line(&line)?;
+        }
+        for line in report.danger.as_deref().map(danger::lines).unwrap_or_default() {
             output::line(&line)?;
         }
     } else if report.what_if.is_none() {

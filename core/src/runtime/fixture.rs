@@ -166,6 +166,7 @@ impl Loop {
             elevation: Some(ramp()),
             command: FORWARD,
             field_noise: None,
+            heightfield: None,
             joint_position_rad: position,
         };
         Self { runtime: Runtime::from_skills(config, robot, skills), observation }

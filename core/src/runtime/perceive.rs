@@ -24,9 +24,11 @@ impl Runtime {
             )),
             Some(elevation) => {
                 let noise: Option<&Noise> = observation.field_noise.as_ref();
-                elevation
-                    .heightfield()
-                    .map_err(|error| error.to_string())
+                let heightfield = match &observation.heightfield {
+                    Some(heightfield) => Ok(heightfield.clone()),
+                    None => elevation.heightfield().map_err(|error| error.to_string()),
+                };
+                heightfield
                     .and_then(|heightfield| heightfield.prepare(noise).map_err(|error| error.to_string()))
             }
         };

@@ -40,6 +40,7 @@ pub fn parse(line: &[u8], robot: &RobotDescription) -> Parsed<Observation> {
         elevation: object.take("elevation").map(elevation).transpose()?,
         command: command(object.need("command")?)?,
         field_noise: None,
+        heightfield: None,
     };
     object.finish()?;
     Ok(observation)

@@ -8,7 +8,7 @@ use crate::{
     angle::wrapped_rad,
     driver::TICK_S,
     plant::{GRAVITY_M_PER_S2, Measurement},
-    terrain::{COURSE_WIDTH_M, CourseKind, FLAT_M, TREAD_M},
+    terrain::COURSE_WIDTH_M,
 };
 use vocaloco_core::decision::{Decision, Forced};
 use vocaloco_plugin_api::Command;
@@ -28,7 +28,7 @@ const ON_ITS_FEET_M: std::ops::RangeInclusive<f32> = 0.3..=0.9;
 /// When the pilot cannot go on.
 pub fn drive(config: &CourseConfig, pilot: &mut dyn Pilot) -> Result<CourseRun, CourseError> {
     let bounds = Bounds::of(config);
-    let length_m = 2.0 * f64::from(FLAT_M) + config.steps as f64 * f64::from(TREAD_M);
+    let length_m = f64::from(config.kind.length_m(config.steps));
     let time_limit_s = 3.0 * length_m / f64::from(FORWARD_M_PER_S);
     let last_tick = (time_limit_s / TICK_S).round() as usize;
     let stopped_ticks = (STOPPED_AFTER_S / TICK_S).round() as usize;
@@ -79,6 +79,7 @@ pub fn drive(config: &CourseConfig, pilot: &mut dyn Pilot) -> Result<CourseRun, 
         cot_signed: per_weight(plant.signed_work_j()),
         switches: run.switches,
         nonfoot_contact: run.nonfoot_contact,
+        unseen: pilot.unseen(),
         ticks: run.ticks,
     })
 }
@@ -157,14 +158,11 @@ struct Bounds {
 
 impl Bounds {
     fn of(config: &CourseConfig) -> Self {
-        let stairs_m = config.steps as f32 * TREAD_M;
+        let CourseConfig { kind, size_m, steps, .. } = *config;
         Self {
-            length_m: 2.0 * FLAT_M + stairs_m,
-            target_x_m: FLAT_M + stairs_m + TARGET_ON_FLAT_M,
-            far_flat_m: match config.kind {
-                CourseKind::StairsUp => config.steps as f32 * config.size_m,
-                CourseKind::StairsDown => 0.0,
-            },
+            length_m: kind.length_m(steps),
+            target_x_m: kind.far_flat_from_m(steps) + TARGET_ON_FLAT_M,
+            far_flat_m: kind.far_flat_m(size_m, steps),
         }
     }
 

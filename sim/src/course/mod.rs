@@ -4,8 +4,10 @@
 //! the selector of `vocaloco-core` or one skill alone. Deterministic for a seed and a rollout.
 
 mod drive;
+mod oracle;
 mod pilot;
 mod record;
+mod runtimes;
 mod stage;
 mod success;
 mod switches;
@@ -14,8 +16,10 @@ mod switches;
 mod tests;
 
 pub use drive::drive;
+pub use oracle::{Ground, Oracle, Worth};
 pub use pilot::{Pilot, PilotTick, SelectorPilot, SkillPilot};
 pub use record::{CourseRun, CourseTick, Outcome, Switch};
+pub use runtimes::{Crew, Runtimes};
 pub use stage::CourseStage;
 pub use success::{Selector, SuccessRow, roll_out, success};
 pub use switches::{Peaks, SwitchesRow, switches};
@@ -26,6 +30,7 @@ use vocaloco_plugin_api::SkillError;
 
 use crate::{
     driver::SensorNoise,
+    occlusion::Occlusion,
     spawn::{NoValidPose, SpawnRules},
     terrain::CourseKind,
 };
@@ -42,7 +47,7 @@ pub const STOPPED_AFTER_S: f64 = 2.0;
 /// Which course, how it starts and what is uncertain about it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CourseConfig {
-    /// Up or down.
+    /// Which one.
     pub kind: CourseKind,
     /// Height of a step, m.
     pub size_m: f32,
@@ -60,6 +65,8 @@ pub struct CourseConfig {
     pub noise: SensorNoise,
     /// Half-width of the uniform noise on every value of the predictors' field, fresh each tick, m.
     pub field_noise_m: f32,
+    /// What the predictors' field is made from.
+    pub occlusion: Occlusion,
     /// Draw friction and base mass as a collection's repeats do; otherwise they are nominal.
     pub varied: bool,
     /// Keep every tick, for pictures and logs.
@@ -79,6 +86,7 @@ impl CourseConfig {
             spawn: SpawnRules { any_yaw_share: 0.0, ..SpawnRules::default() },
             noise: SensorNoise::default(),
             field_noise_m: 0.1,
+            occlusion: Occlusion::None,
             varied: true,
             recorded: false,
         }

@@ -4,20 +4,21 @@ use rand_chacha::ChaCha8Rng;
 use vocaloco_core::{
     decision::Decision,
     elevation::Elevation,
-    heightfield::{COLUMNS, Noise, ROWS},
+    heightfield::{COLUMNS, Heightfield, Noise, ROWS},
     observation::{BaseInOdom, Observation},
     plugin::PluginInstance,
     runtime::Runtime,
 };
 use vocaloco_plugin_api::{Command, TerrainPatch};
 
-use super::{CourseConfig, CourseError};
+use super::{CourseConfig, CourseError, Ground};
 use crate::{
     driver::{DECIMATION, Driver, TICK_S},
+    occlusion::{Occlusion, SeenMap, Unseen, levelled},
     plant::{Measurement, Plant},
     sensing::Sensors,
     stream::{stream, uniform},
-    terrain::{Terrain, Vantage},
+    terrain::{CourseKind, Terrain, Vantage},
 };
 
 /// The elevation map that the simulated robot perceives. Both the field's 10 cm and a plugin's
@@ -45,6 +46,11 @@ pub trait Pilot {
     /// Counts work from here.
     fn reset_work(&mut self);
 
+    /// What cameras have not seen so far; none where the map is whole.
+    fn unseen(&self) -> Option<Unseen> {
+        None
+    }
+
     /// Observes, decides, and steps the plant by 20 ms.
     ///
     /// # Errors
@@ -71,9 +77,13 @@ pub struct SelectorPilot<'a> {
     plant: &'a mut Plant,
     terrain: &'a Terrain,
     runtime: &'a mut Runtime,
+    course: (CourseKind, usize),
     field_noise_m: f32,
     sensors: Sensors,
     field: ChaCha8Rng,
+    occlusion: Occlusion,
+    seen: Option<SeenMap>,
+    ground: Option<&'a Ground>,
     watch: Option<&'a mut dyn FnMut(&Measurement)>,
     ticks: u64,
 }
@@ -86,10 +96,16 @@ impl<'a> SelectorPilot<'a> {
         terrain: &'a Terrain,
         runtime: &'a mut Runtime,
     ) -> Self {
+        let [x_m, y_m, _] = plant.measure().base.position_m;
+        let seen = (config.occlusion != Occlusion::None).then(|| SeenMap::new(terrain, [x_m, y_m]));
         Self {
             plant,
             terrain,
             runtime,
+            course: (config.kind, config.steps),
+            occlusion: config.occlusion,
+            seen,
+            ground: None,
             field_noise_m: config.field_noise_m,
             sensors: Sensors::new(config.noise, stream(config.seed, "course_sensors", &[config.rollout])),
             field: stream(config.seed, "course_field", &[config.rollout]),
@@ -102,6 +118,13 @@ impl<'a> SelectorPilot<'a> {
     #[must_use]
     pub fn watched(mut self, watch: &'a mut dyn FnMut(&Measurement)) -> Self {
         self.watch = Some(watch);
+        self
+    }
+
+    /// Says every tick what lies under the field, for an oracle to look up.
+    #[must_use]
+    pub fn over(mut self, ground: Option<&'a Ground>) -> Self {
+        self.ground = ground;
         self
     }
 
@@ -131,6 +154,21 @@ impl<'a> SelectorPilot<'a> {
             elevation: Some(elevation),
             command: *command,
             field_noise: (self.field_noise_m > 0.0).then(|| self.field_noise()),
+            heightfield: self.seen_field(),
+        }
+    }
+
+    /// The field by the cameras' map; none where the map is whole.
+    fn seen_field(&mut self) -> Option<Heightfield> {
+        let base = self.plant.measure().base;
+        let seen = self.seen.as_mut()?;
+        seen.look(self.terrain, &base);
+        let field =
+            seen.heightfield(self.terrain, &Vantage { position_m: base.position_m, yaw_rad: base.yaw() });
+        match self.occlusion {
+            // A field with too much unknown stays as it is: the runtime stops for it.
+            Occlusion::CameraUnfilled => Some(levelled(&field).unwrap_or(field)),
+            Occlusion::None | Occlusion::Camera => Some(field),
         }
     }
 
@@ -169,7 +207,15 @@ impl Pilot for SelectorPilot<'_> {
         self.plant.reset_work();
     }
 
+    fn unseen(&self) -> Option<Unseen> {
+        self.seen.as_ref().map(SeenMap::unseen)
+    }
+
     fn tick(&mut self, command: &Command) -> Result<PilotTick, CourseError> {
+        if let Some(ground) = self.ground {
+            let (kind, steps) = self.course;
+            ground.set(kind.under_field(steps, self.plant.measure().base.position_m[0]));
+        }
         let observation = self.observe(command);
         let tick = self.runtime.tick(&observation);
         let mut touched = Touched::default();

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use vocaloco_core::decision::Decision;
 
-use crate::{plant::BasePose, terrain::CourseKind};
+use crate::{occlusion::Unseen, plant::BasePose, terrain::CourseKind};
 
 /// How a course ended; the first that happens counts (METHOD, section 6).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -68,7 +68,7 @@ pub struct CourseTick {
 /// A driven course.
 #[derive(Clone, Debug)]
 pub struct CourseRun {
-    /// Up or down.
+    /// Which course.
     pub kind: CourseKind,
     /// Height of a step, m.
     pub size_m: f32,
@@ -88,6 +88,8 @@ pub struct CourseRun {
     pub switches: Vec<Switch>,
     /// Whether anything but a foot ever touched something.
     pub nonfoot_contact: bool,
+    /// What the cameras did not see and the fill hid; none where the map is whole.
+    pub unseen: Option<Unseen>,
     /// Every tick, when the course was recorded.
     pub ticks: Vec<CourseTick>,
 }

@@ -3,21 +3,25 @@
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use serde::Serialize;
-use vocaloco_core::{robot::RobotModel, runtime::Runtime};
+use serde::{Deserialize, Serialize};
+use vocaloco_core::robot::RobotModel;
 
 use super::{
-    CourseConfig, CourseError, CourseRun, CourseStage, Outcome, Pilot, SelectorPilot, SkillPilot, drive,
+    CourseConfig, CourseError, CourseRun, CourseStage, Outcome, Pilot, Runtimes, SelectorPilot, SkillPilot,
+    drive,
 };
 use crate::{
     evaluate::{mean, standard_deviation, wilson},
+    occlusion::{Occlusion, Unseen},
     rollout::RolledSkill,
+    terrain::CourseKind,
 };
 
 /// Who chooses.
+#[derive(Clone, Copy)]
 pub enum Selector<'a> {
-    /// The method: a fresh runtime of a deployment for every rollout.
-    Vocaloco(&'a (dyn Fn() -> Result<Runtime, CourseError> + Sync)),
+    /// The method, or the method fed by an oracle.
+    Runtime(&'a Runtimes<'a>),
     /// One skill alone, whatever lies ahead.
     Skill(&'a RolledSkill),
 }
@@ -26,30 +30,32 @@ impl Selector<'_> {
     /// The id used on the command line.
     pub fn id(&self) -> String {
         match self {
-            Self::Vocaloco(_) => "vocaloco".to_owned(),
+            Self::Runtime(runtimes) => runtimes.name().to_owned(),
             Self::Skill(skill) => format!("skill:{}", skill.name),
         }
     }
 }
 
-/// A row of `evaluate success`. Outcomes are shares of `n`.
-#[derive(Clone, Debug, Serialize)]
+/// A row of `evaluate success`. Outcomes are shares of `n`, each with its 95 % interval.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SuccessRow {
     /// Course.
-    pub course: &'static str,
+    pub course: CourseKind,
     /// Height of a step, m.
     pub size_m: f32,
+    /// Steps of a flight.
+    pub steps: usize,
     /// Who chose.
     pub selector: String,
     /// Number of rollouts.
     pub n: u64,
-    /// Share that reached the target, with its 95 % interval.
+    /// Share that reached the target.
     pub reached: f64,
     /// Lower end.
     pub reached_low: f64,
     /// Upper end.
     pub reached_high: f64,
-    /// Share that touched something with the base or left the map, with its 95 % interval.
+    /// Share that touched something with the base or left the map.
     pub crashed: f64,
     /// Lower end.
     pub crashed_low: f64,
@@ -57,20 +63,33 @@ pub struct SuccessRow {
     pub crashed_high: f64,
     /// Share that ran out of time, or stood because of a fault.
     pub stuck: f64,
+    /// Lower end.
+    pub stuck_low: f64,
+    /// Upper end.
+    pub stuck_high: f64,
     /// Share that stopped, faults left out.
     pub stopped: f64,
+    /// Lower end.
+    pub stopped_low: f64,
+    /// Upper end.
+    pub stopped_high: f64,
     /// Mean cost of transport of those that reached the target.
     pub cot_mean: Option<f64>,
     /// Its standard deviation.
     pub cot_std: Option<f64>,
     /// Mean duration of those that reached the target, s.
     pub duration_mean_s: Option<f64>,
-    /// Mean number of changes of the active skill.
+    /// Mean number of changes of the active skill, the first from the stand included.
     pub switches_mean: f64,
     /// Half-width of the noise on the predictors' field, m.
     pub field_noise_m: f32,
     /// Half-width of the noise on the plugins' patch, m.
     pub patch_noise_m: f32,
+    /// What the predictors' field was made from.
+    pub occlusion: Occlusion,
+    /// What the cameras did not see, over all ticks of all rollouts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unseen: Option<Unseen>,
 }
 
 /// One rollout of a course.
@@ -84,10 +103,10 @@ pub fn roll_out(
 ) -> Result<CourseRun, CourseError> {
     let CourseStage { terrain, mut plant } = CourseStage::set(robot, config)?;
     match selector {
-        Selector::Vocaloco(runtime) => {
-            let mut runtime = runtime()?;
-            drive(config, &mut SelectorPilot::new(config, &mut plant, &terrain, &mut runtime))
-        }
+        Selector::Runtime(runtimes) => runtimes.with(|crew| {
+            let pilot = SelectorPilot::new(config, &mut plant, &terrain, &mut crew.runtime);
+            drive(config, &mut pilot.over(crew.ground.as_deref()))
+        }),
         Selector::Skill(skill) => {
             let mut instance = skill.instance(None, robot)?;
             let skill = (skill.name.as_str(), &mut instance);
@@ -121,40 +140,64 @@ pub fn success(
 }
 
 fn summarise(config: &CourseConfig, selector: String, runs: &[CourseRun]) -> SuccessRow {
-    let count = |outcome: Outcome| runs.iter().filter(|run| run.outcome == outcome).count();
-    let share = |outcome: Outcome| count(outcome) as f64 / runs.len().max(1) as f64;
-    let reached = || runs.iter().filter(|run| run.outcome == Outcome::Reached);
-    let costs: Vec<f64> = reached().filter_map(|run| run.cot).collect();
-    let durations: Vec<f64> = reached().map(|run| run.duration_s).collect();
+    let share = |outcome: Outcome| {
+        let count = runs.iter().filter(|run| run.outcome == outcome).count();
+        let [low, high] = wilson(count, runs.len());
+        [count as f64 / runs.len().max(1) as f64, low, high]
+    };
+    let [reached, reached_low, reached_high] = share(Outcome::Reached);
+    let [crashed, crashed_low, crashed_high] = share(Outcome::Crashed);
+    let [stuck, stuck_low, stuck_high] = share(Outcome::Stuck);
+    let [stopped, stopped_low, stopped_high] = share(Outcome::Stopped);
+    let arrived = || runs.iter().filter(|run| run.outcome == Outcome::Reached);
+    let costs: Vec<f64> = arrived().filter_map(|run| run.cot).collect();
+    let durations: Vec<f64> = arrived().map(|run| run.duration_s).collect();
     let switches: usize = runs.iter().map(|run| run.switches.len()).sum();
-    let [reached_low, reached_high] = wilson(count(Outcome::Reached), runs.len());
-    let [crashed_low, crashed_high] = wilson(count(Outcome::Crashed), runs.len());
     SuccessRow {
-        course: config.kind.id(),
+        course: config.kind,
         size_m: config.size_m,
+        steps: config.steps,
         selector,
         n: runs.len() as u64,
-        reached: share(Outcome::Reached),
+        reached,
         reached_low,
         reached_high,
-        crashed: share(Outcome::Crashed),
+        crashed,
         crashed_low,
         crashed_high,
-        stuck: share(Outcome::Stuck),
-        stopped: share(Outcome::Stopped),
+        stuck,
+        stuck_low,
+        stuck_high,
+        stopped,
+        stopped_low,
+        stopped_high,
         cot_mean: mean(&costs),
         cot_std: standard_deviation(&costs),
         duration_mean_s: mean(&durations),
         switches_mean: switches as f64 / runs.len().max(1) as f64,
         field_noise_m: config.field_noise_m,
         patch_noise_m: config.noise.patch_m,
+        occlusion: config.occlusion,
+        unseen: unseen(runs),
     }
+}
+
+/// Over all ticks of all runs.
+fn unseen(runs: &[CourseRun]) -> Option<Unseen> {
+    let of_runs: Vec<Unseen> = runs.iter().filter_map(|run| run.unseen).collect();
+    let mut total = of_runs.iter().fold(Unseen::default(), |total, one| Unseen {
+        ticks: total.ticks + one.ticks,
+        cell_share: total.cell_share + one.cell_share * one.ticks as f64,
+        drop_ticks: total.drop_ticks + one.drop_ticks,
+        deepest_m: total.deepest_m.max(one.deepest_m),
+    });
+    total.cell_share /= total.ticks.max(1) as f64;
+    (!of_runs.is_empty()).then_some(total)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::terrain::CourseKind;
 
     fn run(outcome: Outcome, cot: f64) -> CourseRun {
         CourseRun {
@@ -168,6 +211,7 @@ mod tests {
             cot_signed: None,
             switches: Vec::new(),
             nonfoot_contact: false,
+            unseen: None,
             ticks: Vec::new(),
         }
     }
@@ -186,5 +230,17 @@ mod tests {
         assert!((row.cot_mean.unwrap() - 0.3).abs() < 1e-9);
         assert!((row.duration_mean_s.unwrap() - 3.0).abs() < 1e-9);
         assert!(row.reached_low < 0.5 && row.reached_high > 0.5);
+        assert!(row.stopped_low < 0.25 && row.stopped_high > 0.25 && row.stuck_high > 0.0);
+    }
+
+    #[test]
+    fn what_cameras_missed_is_counted_by_tick_and_not_by_run() {
+        let mut runs = [run(Outcome::Reached, 0.2), run(Outcome::Stopped, 0.2)];
+        runs[0].unseen = Some(Unseen { ticks: 300, cell_share: 0.1, drop_ticks: 3, deepest_m: 0.2 });
+        runs[1].unseen = Some(Unseen { ticks: 100, cell_share: 0.5, drop_ticks: 1, deepest_m: 0.3 });
+        let total = unseen(&runs).unwrap();
+        assert_eq!((total.ticks, total.drop_ticks, total.deepest_m), (400, 4, 0.3));
+        assert!((total.cell_share - 0.2).abs() < 1e-12);
+        assert_eq!(unseen(&runs[..0]), None);
     }
 }

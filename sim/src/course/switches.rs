@@ -5,12 +5,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 use serde::Serialize;
-use vocaloco_core::{
-    robot::RobotModel,
-    runtime::{Runtime, Switching},
-};
+use vocaloco_core::{robot::RobotModel, runtime::Switching};
 
-use super::{CourseConfig, CourseError, CourseRun, CourseStage, Outcome, SelectorPilot, drive};
+use super::{CourseConfig, CourseError, CourseRun, CourseStage, Outcome, Runtimes, SelectorPilot, drive};
 use crate::{
     driver::{DECIMATION, TICK_S},
     plant::Measurement,
@@ -77,7 +74,7 @@ pub struct SwitchesRow {
     pub torque_within: Option<Peaks>,
 }
 
-/// Rolls a course out `n` times with one way of switching, in parallel on the current rayon pool.
+/// Rolls a course out `n` times with runtimes that switch in one way, in parallel on the current rayon pool.
 ///
 /// Acceleration is the change of a joint's velocity over a physics step. A stretch is 0.2 s long; one
 /// is at a switch when it begins with the tick in which a skill takes over from another skill, and
@@ -89,20 +86,18 @@ pub fn switches(
     robot: &Arc<RobotModel>,
     config: &CourseConfig,
     n: u64,
-    switching: Switching,
-    runtime: &(dyn Fn() -> Result<Runtime, CourseError> + Sync),
+    (switching, runtimes): (Switching, &Runtimes<'_>),
     progress: &(dyn Fn() + Sync),
 ) -> Result<SwitchesRow, CourseError> {
     let one = |rollout: usize| {
         let config = CourseConfig { rollout: rollout as u64, recorded: false, ..config.clone() };
         let CourseStage { terrain, mut plant } = CourseStage::set(robot, &config)?;
-        let mut runtime = runtime()?.with_switching(switching);
         let mut watch = Watch::new(plant.measure());
-        let run = {
+        let run = runtimes.with(|crew| {
             let mut see = |measured: &Measurement| watch.see(measured);
-            let pilot = SelectorPilot::new(&config, &mut plant, &terrain, &mut runtime);
-            drive(&config, &mut pilot.watched(&mut see))?
-        };
+            let pilot = SelectorPilot::new(&config, &mut plant, &terrain, &mut crew.runtime);
+            drive(&config, &mut pilot.watched(&mut see))
+        })?;
         progress();
         Ok((run, watch.peaks))
     };
@@ -209,6 +204,7 @@ mod tests {
             cot_signed: None,
             switches: switches.iter().map(switch).collect(),
             nonfoot_contact: false,
+            unseen: None,
             ticks: Vec::new(),
         }
     }

@@ -74,11 +74,11 @@ pub(super) fn stairs_down(map: Area, start_m: f32, rise_m: f32, steps: usize) ->
     std::iter::once(block(map, 0.0)).chain((0..steps).map(step)).collect()
 }
 
-fn across(map: Area, from_x_m: f32, to_x_m: f32) -> Area {
+pub(super) fn across(map: Area, from_x_m: f32, to_x_m: f32) -> Area {
     Area { min_m: [from_x_m, map.min_m[1]], max_m: [to_x_m, map.max_m[1]] }
 }
 
-fn block(area: Area, top_m: f32) -> Solid {
+pub(super) fn block(area: Area, top_m: f32) -> Solid {
     Solid::between([area.min_m[0], area.min_m[1], BOTTOM_M], [area.max_m[0], area.max_m[1], top_m])
 }
 

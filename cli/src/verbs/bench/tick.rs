@@ -252,6 +252,7 @@ fn approach(robot: &RobotModel) -> Vec<Observation> {
             elevation: Some(stairs(nearest_m, robot.description.stand_height_m)),
             command: Command::velocity(0.6, 0.0, 0.0),
             field_noise: None,
+            heightfield: None,
         }
     };
     (0..APPROACH_TICKS).map(observation).collect()

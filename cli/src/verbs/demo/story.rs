@@ -7,13 +7,13 @@ use vocaloco_sim::{
     terrain::{CourseKind, FLAT_M, TREAD_M},
 };
 
-use crate::report::{Story, path};
+use crate::report::{Story, path, told};
 
 /// The deployed skill that is made for these stairs: the paper's `ascend` or `descend`, of whichever kind
 /// (`ascend_network`).
 pub(super) fn made_for(run: &CourseRun) -> &str {
     let name = match run.kind {
-        CourseKind::StairsUp => "ascend",
+        CourseKind::StairsUp | CourseKind::Mixed => "ascend",
         CourseKind::StairsDown => "descend",
     };
     let verdicts = run.ticks.iter().find_map(|tick| tick.decision.as_ref()).map(|it| it.skills.as_slice());
@@ -30,6 +30,14 @@ pub(super) fn id(run: &CourseRun) -> String {
     format!("{}-{:.2}", run.kind.id(), run.size_m)
 }
 
+fn direction(kind: CourseKind) -> &'static str {
+    match kind {
+        CourseKind::StairsUp => "up",
+        CourseKind::StairsDown => "down",
+        CourseKind::Mixed => "up and down",
+    }
+}
+
 /// The story of a run, and a note where it went another way than the paper's.
 pub(super) fn tell(
     run: &CourseRun,
@@ -39,26 +47,14 @@ pub(super) fn tell(
 ) -> (Story, String) {
     let as_expected =
         run.outcome == expected && (expected != Outcome::Stopped || walked_up_and_stopped_short(run, robot));
-    let direction = if run.kind == CourseKind::StairsUp { "up" } else { "down" };
-    let mut summary = match run.outcome {
-        Outcome::Reached => format!("Reached the far flat in {:.1} s", run.duration_s),
-        Outcome::Crashed => format!("The base touched the ground after {:.1} s", run.duration_s),
-        Outcome::Stuck => format!("Stuck: time was up after {:.1} s", run.duration_s),
-        Outcome::Stopped => format!(
-            "Stopped, with the foremost foot {:.2} m {} the first step's edge",
-            (FLAT_M - last_foot_m(run, robot)).abs(),
-            if last_foot_m(run, robot) < FLAT_M { "before" } else { "past" },
-        ),
-    };
-    if let Some(cot) = run.cot {
-        summary = format!("{summary}; cost of transport {cot:.2}");
+    let direction = direction(run.kind);
+    let mut summary = told(run);
+    if run.outcome == Outcome::Stopped {
+        let foot_m = last_foot_m(run, robot);
+        let where_ = if foot_m < FLAT_M { "before" } else { "past" };
+        let away_m = (FLAT_M - foot_m).abs();
+        summary = format!("{summary} The foremost foot stands {away_m:.2} m {where_} the first step's edge.");
     }
-    let actives: Vec<String> =
-        run.switches.iter().map(|switch| format!("{} from {:.2} s", switch.to, switch.t_s)).collect();
-    if !actives.is_empty() {
-        summary = format!("{summary}. Active: {}", actives.join(", "));
-    }
-    summary.push('.');
     let note = match expected {
         Outcome::Reached => note(run, thresholds),
         _ => String::new(),
@@ -70,7 +66,7 @@ pub(super) fn tell(
         id: id(run),
         title: format!("{} steps of {:.0} cm {direction}", run.steps, run.size_m * 100.0),
         summary,
-        expected: expected.id().to_owned(),
+        expected: Some(expected.id().to_owned()),
         as_expected,
     };
     (story, note)
@@ -172,6 +168,7 @@ mod tests {
             cot_signed: None,
             switches: vec![Switch { t_s: 0.2, from: "stand".into(), to: "walk".into() }],
             nonfoot_contact: false,
+            unseen: None,
             ticks: vec![tick],
         }
     }

@@ -1,49 +1,105 @@
 //! `evaluate success`: how often a course is reached, by step height and by who chooses.
 
-use anyhow::{Context, bail, ensure};
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use anyhow::ensure;
 use serde::Serialize;
-use vocaloco_core::{installation::Installation, registry::load_deployment, runtime::Runtime};
 use vocaloco_sim::{
-    course::{CourseConfig, CourseError, Selector, SuccessRow, success},
+    course::{CourseConfig, SuccessRow},
     driver::SensorNoise,
-    rollout::RolledSkill,
+    occlusion::Occlusion,
     terrain::CourseKind,
-    threads::with_threads,
 };
 
+use super::arena::{Arena, Variation};
+use super::store::Store;
+use super::who::Who;
 use crate::{exit::Exit, output, progress, verbs::Shared};
 
+/// Rolls courses out by step height, with several selectors side by side.
+///
+/// What was measured stays in --store: a run that is killed goes on where it was, and what stands is not
+/// measured again until a model, a skill, the deployment or the configuration changes.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// `stairs_up` or `stairs_down`
-    #[arg(long, value_parser = parse_course)]
-    course: CourseKind,
+    /// Courses: `stairs_up`, `stairs_down`, `mixed`
+    #[arg(long, value_delimiter = ',', value_parser = parse_course, default_value = "stairs_up,stairs_down", value_name = "LIST")]
+    course: Vec<CourseKind>,
     /// Step heights, m
-    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    #[arg(long, value_delimiter = ',', default_value = SIZES_M, value_name = "LIST")]
     size_m: Vec<f32>,
     /// Rollouts for each height
     #[arg(long, default_value_t = 100, value_name = "N")]
     rollouts: u64,
-    /// Who chooses: `vocaloco`, or `skill:NAME` for one skill alone
-    #[arg(long, default_value = "vocaloco", value_name = "WHO")]
-    selector: String,
-    /// Number of steps
+    /// Who chooses: `vocaloco`, `oracle` (the same, fed with what was collected), `skill:NAME` (alone)
+    #[arg(long, value_delimiter = ',', default_value = "vocaloco", value_name = "LIST")]
+    selector: Vec<Who>,
+    /// Steps of a flight
     #[arg(long, default_value_t = 6, value_name = "N")]
     steps: usize,
     /// Deployment whose skills may run
     #[arg(long, default_value = "anymal_stairs", value_name = "NAME")]
     deployment: String,
+    /// Rollouts a skill, terrain and height that the oracle knows
+    #[arg(long, default_value_t = 100, value_name = "N")]
+    oracle_samples: u64,
+    /// What the predictors see: everything, or what depth cameras have seen, the rest filled
+    #[arg(long, value_enum, default_value_t = Sight::None)]
+    occlusion: Sight,
     /// Half-width of the noise on every height that the predictors see, m
     #[arg(long, default_value_t = 0.1, value_name = "M")]
     field_noise_m: f32,
     /// Half-width of the noise on every height that the skills see, m
     #[arg(long, default_value_t = 0.02, value_name = "M")]
     patch_noise_m: f32,
+    /// Folder of what was measured
+    #[arg(long, default_value = "out/measured", value_name = "DIR")]
+    store: PathBuf,
+    /// Measure even what stands
+    #[arg(long)]
+    fresh: bool,
     /// Threads; 0 for as many as there are processors
     #[arg(long, default_value_t = 0, value_name = "N")]
     threads: usize,
     #[command(flatten)]
     shared: Shared,
+}
+
+/// METHOD, section 6: 2.5 to 40 cm by 2.5.
+pub(super) const SIZES_M: &str =
+    "0.025,0.05,0.075,0.1,0.125,0.15,0.175,0.2,0.225,0.25,0.275,0.3,0.325,0.35,0.375,0.4";
+
+/// `--occlusion`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Sight {
+    /// True heights everywhere
+    None,
+    /// What the cameras have seen, the rest filled from behind
+    Camera,
+    /// What the cameras have seen, the rest read as level with the ground under the base
+    CameraUnfilled,
+}
+
+impl Sight {
+    /// As a command names it, after a space; nothing where nothing is hidden.
+    pub(super) const fn flag(self) -> &'static str {
+        match self {
+            Self::None => "",
+            Self::Camera => " --occlusion camera",
+            Self::CameraUnfilled => " --occlusion camera-unfilled",
+        }
+    }
+}
+
+impl From<Sight> for Occlusion {
+    fn from(sight: Sight) -> Self {
+        match sight {
+            Sight::None => Self::None,
+            Sight::Camera => Self::Camera,
+            Sight::CameraUnfilled => Self::CameraUnfilled,
+        }
+    }
 }
 
 pub(super) fn parse_course(text: &str) -> Result<CourseKind, String> {
@@ -52,8 +108,8 @@ pub(super) fn parse_course(text: &str) -> Result<CourseKind, String> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
-    ensure!(!args.size_m.is_empty(), "--size-m: found nothing, wanted one height or more");
     ensure!(args.rollouts > 0, "--rollouts: found 0, wanted 1 or more");
+    ensure!(args.oracle_samples > 0, "--oracle-samples: found 0, wanted 1 or more");
     ensure!((1..=40).contains(&args.steps), "--steps: found {}, wanted 1 to 40", args.steps);
     for size_m in &args.size_m {
         ensure!((0.0..=1.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 1");
@@ -61,44 +117,30 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     for (flag, noise_m) in [("field", args.field_noise_m), ("patch", args.patch_noise_m)] {
         ensure!((0.0..=1.0).contains(&noise_m), "--{flag}-noise-m: found {noise_m}, wanted 0 to 1");
     }
-    let installation = Installation::find()?;
-    let loaded = load_deployment(&installation, &args.deployment)
-        .with_context(|| format!("deployment `{}`", args.deployment))?;
-    for refusal in &loaded.refused {
-        eprintln!("refused: {refusal}");
-    }
-    let robot = loaded.robot.clone();
-    let skill;
-    let runtime = || -> Result<Runtime, CourseError> {
-        Ok(Runtime::new(load_deployment(&installation, &args.deployment)?)?)
-    };
-    let selector = match args.selector.split_once(':') {
-        None if args.selector == "vocaloco" => Selector::Vocaloco(&runtime),
-        Some(("skill", name)) => {
-            let found = loaded.skills.iter().find(|skill| skill.manifest.name == name);
-            let found = found.with_context(|| format!("--selector: `{name}` is not in the deployment"))?;
-            skill = RolledSkill::from_loaded(found, &robot)?;
-            Selector::Skill(&skill)
+    let alone: Vec<&str> = args.selector.iter().filter_map(Who::alone).collect();
+    let store = Store::open(&args.store, args.fresh)?;
+    let arena = Arena::load(&args.deployment, &alone, (store, args.threads))?;
+    let rows_wanted = args.course.len() * args.selector.len() * args.size_m.len();
+    let bar = progress::bar("rollouts", args.rollouts * rows_wanted as u64);
+    let mut rows = Vec::new();
+    for course in &args.course {
+        for who in &args.selector {
+            for size_m in &args.size_m {
+                bar.set_message(format!("{} of {:.3} m, {who}", course.id(), size_m));
+                let config = CourseConfig {
+                    steps: args.steps,
+                    noise: SensorNoise { patch_m: args.patch_noise_m, ..SensorNoise::default() },
+                    field_noise_m: args.field_noise_m,
+                    occlusion: args.occlusion.into(),
+                    ..CourseConfig::evaluation(*course, *size_m, args.shared.seed, 0)
+                };
+                let who = (who, Variation::default());
+                rows.push(arena.row(&config, args.rollouts, who, args.oracle_samples, &|n| bar.inc(n))?);
+            }
         }
-        _ => bail!("--selector: found {:?}, wanted vocaloco or skill:NAME", args.selector),
-    };
-    let bar = progress::bar(
-        &format!("{} with {}", args.course.id(), args.selector),
-        args.rollouts * args.size_m.len() as u64,
-    );
-    let row = |size_m: &f32| -> anyhow::Result<SuccessRow> {
-        let config = CourseConfig {
-            steps: args.steps,
-            noise: SensorNoise { patch_m: args.patch_noise_m, ..SensorNoise::default() },
-            field_noise_m: args.field_noise_m,
-            ..CourseConfig::evaluation(args.course, *size_m, args.shared.seed, 0)
-        };
-        let rollouts = args.rollouts;
-        Ok(with_threads(args.threads, || success(&robot, &config, rollouts, &selector, &|| bar.inc(1)))??)
-    };
-    let rows = args.size_m.iter().map(row).collect::<anyhow::Result<Vec<_>>>();
+    }
     bar.finish_and_clear();
-    report(args, &rows?)?;
+    report(args, &rows)?;
     Ok(Exit::Fine)
 }
 
@@ -117,41 +159,69 @@ fn report(args: &Args, rows: &[SuccessRow]) -> anyhow::Result<()> {
         let seed = args.shared.seed;
         return Ok(output::json(&Report { command, seed, version: env!("CARGO_PKG_VERSION"), rows })?);
     }
-    output::line("step      n  reached  95 % interval   crashed  95 % interval   stuck  stopped    CoT")?;
-    for row in rows {
-        let cot = row.cot_mean.map_or_else(|| "-".to_owned(), |cot| format!("{cot:.3}"));
+    let width = rows.iter().map(|row| row.selector.len()).max().unwrap_or(0).max(8);
+    for course in args.course.iter().collect::<BTreeSet<_>>() {
         output::line(&format!(
-            "{:<5.3} {:>5}  {:>7.3}  {:.3} to {:.3}  {:>7.3}  {:.3} to {:.3}  {:>6.3}  {:>7.3}  {cot:>5}",
-            row.size_m,
-            row.n,
-            row.reached,
-            row.reached_low,
-            row.reached_high,
-            row.crashed,
-            row.crashed_low,
-            row.crashed_high,
-            row.stuck,
-            row.stopped
+            "{}, {} steps a flight\nstep   {:<width$}    n  reached           crashed           stuck  stopped    CoT   time  switches",
+            course.id(),
+            args.steps,
+            "selector"
         ))?;
+        for size_m in &args.size_m {
+            let of = |row: &&SuccessRow| row.course == *course && row.size_m == *size_m;
+            for row in rows.iter().filter(of) {
+                output::line(&line(row, width))?;
+            }
+        }
     }
     output::line(&command)?;
     Ok(())
 }
 
+fn line(row: &SuccessRow, width: usize) -> String {
+    let number = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
+    };
+    format!(
+        "{:<5.3}  {:<width$} {:>4}  {:.2} ({:.2}–{:.2})  {:.2} ({:.2}–{:.2})  {:>5.2}  {:>7.2}  {:>5}  {:>5}  {:>8.1}",
+        row.size_m,
+        row.selector,
+        row.n,
+        row.reached,
+        row.reached_low,
+        row.reached_high,
+        row.crashed,
+        row.crashed_low,
+        row.crashed_high,
+        row.stuck,
+        row.stopped,
+        number(row.cot_mean, 3),
+        number(row.duration_mean_s, 1),
+        row.switches_mean,
+    )
+}
+
 /// The command that repeats the table, on any number of threads.
 fn command(args: &Args) -> String {
-    let sizes: Vec<String> = args.size_m.iter().map(ToString::to_string).collect();
-    format!(
-        "vocaloco evaluate success --course {} --size-m {} --rollouts {} --selector {} --steps {} \
-         --deployment {} --field-noise-m {} --patch-noise-m {} --seed {}",
-        args.course.id(),
-        sizes.join(","),
+    let list = |items: Vec<String>| items.join(",");
+    let mut words = vec![format!(
+        "vocaloco evaluate success --course {} --size-m {} --rollouts {} --selector {} --steps {} --deployment {}",
+        list(args.course.iter().map(|course| course.id().to_owned()).collect()),
+        list(args.size_m.iter().map(ToString::to_string).collect()),
         args.rollouts,
-        args.selector,
+        list(args.selector.iter().map(ToString::to_string).collect()),
         args.steps,
         args.deployment,
+    )];
+    if args.selector.contains(&Who::Oracle) {
+        words.push(format!("--oracle-samples {}", args.oracle_samples));
+    }
+    words.push(format!(
+        "--field-noise-m {} --patch-noise-m {}{} --seed {}",
         args.field_noise_m,
         args.patch_noise_m,
+        args.occlusion.flag(),
         args.shared.seed
-    )
+    ));
+    words.join(" ")
 }

@@ -8,7 +8,7 @@ use vocaloco_core::{
     runtime::{Runtime, Switching},
 };
 use vocaloco_sim::{
-    course::{CourseConfig, CourseError, Peaks, SwitchesRow, switches},
+    course::{CourseConfig, Peaks, Runtimes, SwitchesRow, switches},
     terrain::CourseKind,
     threads::with_threads,
 };
@@ -57,9 +57,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     let installation = Installation::find()?;
     let loaded = load_deployment(&installation, &args.deployment)
         .with_context(|| format!("deployment `{}`", args.deployment))?;
-    let runtime = || -> Result<Runtime, CourseError> {
-        Ok(Runtime::new(load_deployment(&installation, &args.deployment)?)?)
-    };
     let ways: Vec<Switching> = args
         .ramp_s
         .iter()
@@ -71,7 +68,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     let bar = progress::bar(args.course.id(), args.rollouts * ways.len() as u64);
     let config = CourseConfig::evaluation(args.course, args.size_m, args.shared.seed, 0);
     let row = |&switching: &Switching| -> anyhow::Result<SwitchesRow> {
-        let measure = || switches(&loaded.robot, &config, args.rollouts, switching, &runtime, &|| bar.inc(1));
+        let runtimes = Runtimes::new("vocaloco", || {
+            let loaded = load_deployment(&installation, &args.deployment)?;
+            Ok(Runtime::new(loaded)?.with_switching(switching).into())
+        });
+        let by = (switching, &runtimes);
+        let measure = || switches(&loaded.robot, &config, args.rollouts, by, &|| bar.inc(1));
         Ok(with_threads(args.threads, measure)??)
     };
     let rows = ways.iter().map(row).collect::<anyhow::Result<Vec<_>>>();

@@ -1,0 +1,418 @@
+//! A deployment, loaded once, and what is measured with it on courses and tiles; every result goes through
+//! the store.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::{Context, anyhow};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use vocaloco_core::{
+    heightfield::Field,
+    predictor::{Predictor, backend},
+};
+use vocaloco_core::{
+    installation::Installation,
+    manifest::Selection,
+    registry::{LoadedSkill, ModelPolicy, load_deployment, load_skill},
+    robot::RobotModel,
+    runtime::{CallFault, Predict, Runtime, RuntimeConfig, Skill},
+    selector::Prediction,
+};
+use vocaloco_sim::{
+    calibration::Predictors,
+    collected::{Collected, collect},
+    course::{
+        CourseConfig, CourseError, CourseRun, Crew, Ground, Oracle, Runtimes, Selector, SuccessRow, Worth,
+        roll_out, success,
+    },
+    dataset::{RobotId, SimulatorId, SkillId},
+    evaluate::Query,
+    identity,
+    plant::PlantKind,
+    rollout::RolledSkill,
+    terrain::TerrainKind,
+    threads::with_threads,
+};
+
+use super::store::Store;
+use super::who::Who;
+
+/// What an experiment changes about a deployment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub(super) struct Variation {
+    /// Ticks that must agree before a switch, and before a stop.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) window: Option<usize>,
+    /// One threshold for every skill.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) threshold: Option<f32>,
+    /// The most viable skill wins, whatever it costs.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub(super) without_cost: bool,
+}
+
+/// A skill that can be rolled out, with what its behaviour depends on.
+struct Actor {
+    rolled: RolledSkill,
+    id: SkillId,
+}
+
+/// A skill of the deployment, as results depend on it.
+#[derive(Clone, Serialize)]
+pub(super) struct Member {
+    pub(super) id: SkillId,
+    selection: String,
+    viability_sha256: String,
+    cot_sha256: String,
+    #[serde(skip)]
+    pub(super) threshold: f32,
+}
+
+/// What the oracle is made from: how many rollouts, with which seed and noise.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Sampling {
+    pub(super) samples: u64,
+    pub(super) seed: u64,
+    pub(super) field_noise_m: f32,
+    pub(super) patch_noise_m: f32,
+}
+
+/// A deployment to measure with.
+pub(super) struct Arena {
+    installation: Installation,
+    /// Name of the deployment.
+    pub(super) deployment: String,
+    pub(super) robot: Arc<RobotModel>,
+    /// Its skills, in its order.
+    pub(super) members: Vec<Member>,
+    /// Windows and handover, as results depend on them.
+    rules: String,
+    actors: BTreeMap<String, Actor>,
+    store: Store,
+    threads: usize,
+}
+
+impl Arena {
+    /// Loads a deployment, and the skills that run alone beside it.
+    pub(super) fn load(
+        deployment: &str,
+        alone: &[&str],
+        (store, threads): (Store, usize),
+    ) -> anyhow::Result<Self> {
+        let installation = Installation::find()?;
+        let loaded = load_deployment(&installation, deployment)
+            .with_context(|| format!("deployment `{deployment}`"))?;
+        for refusal in &loaded.refused {
+            eprintln!("refused: {refusal}");
+        }
+        let robot = Arc::clone(&loaded.robot);
+        let (mut actors, mut members) = (BTreeMap::new(), Vec::new());
+        for skill in &loaded.skills {
+            let actor = Actor::new(&installation, skill, &robot)?;
+            members.push(Member::new(skill, &actor.id)?);
+            actors.insert(skill.manifest.name.clone(), actor);
+        }
+        for name in alone {
+            if !actors.contains_key(*name) {
+                let skill = load_skill(&installation, name, &robot.description, ModelPolicy::Optional)?;
+                actors.insert((*name).to_owned(), Actor::new(&installation, &skill, &robot)?);
+            }
+        }
+        let rules =
+            format!("{:?} {:?}", RuntimeConfig::from(&loaded.deployment), loaded.deployment.switching);
+        Ok(Self {
+            installation,
+            deployment: deployment.to_owned(),
+            robot,
+            members,
+            rules,
+            actors,
+            store,
+            threads,
+        })
+    }
+
+    /// Names of the deployment's skills, in its order.
+    pub(super) fn names(&self) -> Vec<&str> {
+        self.members.iter().map(|member| member.id.name.as_str()).collect()
+    }
+
+    /// Skills with their thresholds, in the deployment's order.
+    pub(super) fn thresholds(&self) -> Vec<(String, f32)> {
+        self.members.iter().map(|member| (member.id.name.clone(), member.threshold)).collect()
+    }
+
+    /// Runtimes of the deployment under a variation; the oracle's are made for one course and height.
+    pub(super) fn runtimes(&self, who: &Who, variation: Variation) -> Runtimes<'_> {
+        Runtimes::new(&who.to_string(), move || Ok(self.runtime(variation)?.into()))
+    }
+
+    fn runtime(&self, variation: Variation) -> Result<Runtime, CourseError> {
+        let (config, switching, skills) = self.parts(variation)?;
+        Ok(Runtime::from_skills(config, Arc::clone(&self.robot), skills).with_switching(switching))
+    }
+
+    fn parts(
+        &self,
+        variation: Variation,
+    ) -> Result<(RuntimeConfig, vocaloco_core::runtime::Switching, Vec<Skill>), CourseError> {
+        let loaded = load_deployment(&self.installation, &self.deployment)?;
+        let mut config = RuntimeConfig::from(&loaded.deployment);
+        let switching = loaded.deployment.switching;
+        if let Some(window) = variation.window {
+            config.windows.switch = window;
+            config.windows.stop = window;
+        }
+        let ready = |skill| Skill::of(skill, &self.robot.description);
+        let mut skills = loaded.skills.into_iter().map(ready).collect::<Result<Vec<_>, _>>()?;
+        for skill in &mut skills {
+            if let Some(threshold) = variation.threshold {
+                skill.rule.viability_threshold = threshold;
+            }
+        }
+        if variation.without_cost {
+            let costless = |skill: Skill| Skill { predictors: Box::new(Costless(skill.predictors)), ..skill };
+            skills = skills.into_iter().map(costless).collect();
+        }
+        Ok((config, switching, skills))
+    }
+
+    /// Runtimes that ask an oracle of what was collected on flat ground and on both stairs of one height.
+    fn oracles(&self, size_m: f32, sampling: Sampling) -> anyhow::Result<Runtimes<'_>> {
+        let mut table: BTreeMap<String, Vec<(TerrainKind, Worth)>> = BTreeMap::new();
+        for name in self.names() {
+            for terrain in [TerrainKind::Flat, TerrainKind::StairsUp, TerrainKind::StairsDown] {
+                let cell = self.cell(name, terrain, size_m, sampling, &|| ())?;
+                table.entry(name.to_owned()).or_default().push((terrain, cell.worth()));
+            }
+        }
+        Ok(Runtimes::new("oracle", move || {
+            let (config, switching, skills) = self.parts(Variation::default())?;
+            let ground = Arc::new(Ground::default());
+            let asking = |skill: Skill| {
+                let worth = table.get(&skill.rule.name).map_or(&[][..], Vec::as_slice);
+                Skill { predictors: Box::new(Oracle::new(Arc::clone(&ground), worth)), ..skill }
+            };
+            let skills = skills.into_iter().map(asking).collect();
+            let runtime = Runtime::from_skills(config, Arc::clone(&self.robot), skills);
+            Ok(Crew { runtime: runtime.with_switching(switching), ground: Some(ground) })
+        }))
+    }
+
+    /// A row of `evaluate success`, measured unless it stands; `progress` counts its rollouts.
+    pub(super) fn row(
+        &self,
+        config: &CourseConfig,
+        n: u64,
+        (who, variation): (&Who, Variation),
+        samples: u64,
+        progress: &(dyn Fn(u64) + Sync),
+    ) -> anyhow::Result<SuccessRow> {
+        let key = self.row_key(config, n, (who, variation), samples)?;
+        let name =
+            format!("success-{}-{}-{}", config.kind.id(), who.to_string().replace(':', "-"), config.size_m);
+        let measure = || {
+            let chosen;
+            let selector = match who {
+                Who::Skill(name) => Selector::Skill(&self.actor(name)?.rolled),
+                Who::Vocaloco => {
+                    chosen = self.runtimes(who, variation);
+                    Selector::Runtime(&chosen)
+                }
+                Who::Oracle => {
+                    chosen = self.oracles(config.size_m, sampling(config, samples))?;
+                    Selector::Runtime(&chosen)
+                }
+            };
+            let row = || success(&self.robot, config, n, &selector, &|| progress(1));
+            Ok(with_threads(self.threads, row)??)
+        };
+        self.store.result(&name, &key, || progress(n), measure)
+    }
+
+    /// One recorded rollout of a course; of a runtime also its setup, for the decisions log.
+    pub(super) fn run(
+        &self,
+        config: &CourseConfig,
+        (who, variation): (&Who, Variation),
+        samples: u64,
+    ) -> anyhow::Result<(CourseRun, Option<vocaloco_core::decision_log::Setup>)> {
+        let runtimes = match who {
+            Who::Skill(name) => {
+                let selector = Selector::Skill(&self.actor(name)?.rolled);
+                return Ok((roll_out(&self.robot, config, &selector)?, None));
+            }
+            Who::Vocaloco => self.runtimes(who, variation),
+            Who::Oracle => self.oracles(config.size_m, sampling(config, samples))?,
+        };
+        let setup = runtimes
+            .with(|crew| Ok(vocaloco_core::decision_log::Setup::of(&crew.runtime, &self.deployment)))?;
+        Ok((roll_out(&self.robot, config, &Selector::Runtime(&runtimes))?, Some(setup)))
+    }
+
+    /// The same through the store; `drive` makes it.
+    pub(super) fn recorded<T: Serialize + DeserializeOwned>(
+        &self,
+        config: &CourseConfig,
+        who: &Who,
+        drive: impl FnOnce() -> anyhow::Result<T>,
+    ) -> anyhow::Result<T> {
+        let mut key = self.row_key(config, 1, (who, Variation::default()), 0)?;
+        key["experiment"] = "recorded".into();
+        let name =
+            format!("run-{}-{}-{}", config.kind.id(), who.to_string().replace(':', "-"), config.size_m);
+        self.store.result(&name, &key, || (), drive)
+    }
+
+    /// A skill's viability predictor.
+    pub(super) fn viability(&self, skill: &str) -> anyhow::Result<Predictor> {
+        let description = &self.robot.description;
+        let loaded = load_skill(&self.installation, skill, description, ModelPolicy::Required)?;
+        loaded.viability.with_context(|| format!("skill {skill}: no viability predictor"))
+    }
+
+    /// What a skill and its predictors are worth on one terrain of one size, measured unless it stands.
+    pub(super) fn cell(
+        &self,
+        skill: &str,
+        terrain: TerrainKind,
+        size_m: f32,
+        sampling: Sampling,
+        progress: &(dyn Fn() + Sync),
+    ) -> anyhow::Result<Collected> {
+        let size_m = if terrain == TerrainKind::Flat { 0.0 } else { size_m };
+        let member = self.members.iter().find(|member| member.id.name == skill);
+        let member = member.with_context(|| format!("`{skill}` is not in the deployment"))?;
+        let key = serde_json::json!({
+            "experiment": "collected",
+            "made_by": self.made_by(),
+            "skill": member.id,
+            "predictors": [member.viability_sha256, member.cot_sha256],
+            "terrain": terrain,
+            "size_m": size_m,
+            "samples": sampling.samples,
+            "seed": sampling.seed,
+            "field_noise_m": sampling.field_noise_m,
+            "patch_noise_m": sampling.patch_noise_m,
+        });
+        let measure = || {
+            let description = &self.robot.description;
+            let loaded = load_skill(&self.installation, skill, description, ModelPolicy::Required)?;
+            let missing = || anyhow!("skill {skill}: found no predictors, wanted both");
+            let mut predictors = Predictors {
+                viability: loaded.viability.ok_or_else(missing)?,
+                cot: loaded.cot.ok_or_else(missing)?,
+            };
+            let query = Query {
+                field_noise_m: sampling.field_noise_m,
+                patch_noise_m: sampling.patch_noise_m,
+                ..Query::new(terrain, size_m, sampling.samples, sampling.seed)
+            };
+            let rolled = &self.actor(skill)?.rolled;
+            let work = || collect(&self.robot, rolled, &mut predictors, &query, progress);
+            Ok(with_threads(self.threads, work)??)
+        };
+        let standing = || (0..sampling.samples).for_each(|_| progress());
+        self.store.result(&format!("collected-{skill}-{terrain}-{size_m}"), &key, standing, measure)
+    }
+
+    fn actor(&self, name: &str) -> anyhow::Result<&Actor> {
+        self.actors.get(name).with_context(|| format!("skill {name} is not loaded"))
+    }
+
+    fn made_by(&self) -> MadeBy {
+        MadeBy {
+            version: env!("CARGO_PKG_VERSION"),
+            backend: backend().name.to_owned(),
+            simulator: identity::simulator(PlantKind::Reference),
+            robot: identity::robot(&self.robot),
+        }
+    }
+
+    /// Everything that a row depends on.
+    fn row_key(
+        &self,
+        config: &CourseConfig,
+        n: u64,
+        (who, variation): (&Who, Variation),
+        samples: u64,
+    ) -> anyhow::Result<serde_json::Value> {
+        let chooser = match who {
+            Who::Skill(name) => serde_json::json!({ "skill": self.actor(name)?.id }),
+            Who::Vocaloco => {
+                serde_json::json!({ "members": self.members, "rules": self.rules, "variation": variation })
+            }
+            Who::Oracle => {
+                let ids: Vec<_> = self.members.iter().map(|member| (&member.id, &member.selection)).collect();
+                serde_json::json!({ "members": ids, "rules": self.rules, "samples": samples })
+            }
+        };
+        Ok(serde_json::json!({
+            "experiment": "success",
+            "made_by": self.made_by(),
+            "who": who,
+            "chooser": chooser,
+            "n": n,
+            // Every field of it, the one spelling that cannot forget any.
+            "config": format!("{config:?}"),
+        }))
+    }
+}
+
+fn sampling(config: &CourseConfig, samples: u64) -> Sampling {
+    Sampling {
+        samples,
+        seed: config.seed,
+        field_noise_m: config.field_noise_m,
+        patch_noise_m: config.noise.patch_m,
+    }
+}
+
+#[derive(Serialize)]
+struct MadeBy {
+    version: &'static str,
+    backend: String,
+    simulator: SimulatorId,
+    robot: RobotId,
+}
+
+impl Actor {
+    fn new(installation: &Installation, skill: &LoadedSkill, robot: &RobotModel) -> anyhow::Result<Self> {
+        let rolled = RolledSkill::from_loaded(skill, robot)?;
+        let folder: &Path = &installation.root.join("plugins").join(&skill.manifest.plugin);
+        let source = identity::source_sha256(folder)
+            .with_context(|| format!("sources of the plugin in {}", folder.display()))?;
+        let id = identity::skill(&rolled, source);
+        Ok(Self { rolled, id })
+    }
+}
+
+impl Member {
+    fn new(skill: &LoadedSkill, id: &SkillId) -> anyhow::Result<Self> {
+        let hash = |predictor: Option<&Predictor>| {
+            let predictor = predictor.with_context(|| format!("skill {}: no predictors", id.name))?;
+            anyhow::Ok(predictor.sha256().to_owned())
+        };
+        let selection: &Selection = &skill.manifest.selection;
+        Ok(Self {
+            id: id.clone(),
+            selection: format!("{selection:?} {:?}", skill.manifest.command),
+            viability_sha256: hash(skill.viability.as_ref())?,
+            cot_sha256: hash(skill.cot.as_ref())?,
+            threshold: selection.viability_threshold,
+        })
+    }
+}
+
+/// Predictors whose cost is the chance of failure: the most viable skill is then the cheapest.
+struct Costless(Box<dyn Predict>);
+
+impl Predict for Costless {
+    fn predict(&mut self, field: &Field) -> (Prediction, Option<CallFault>) {
+        let (prediction, fault) = self.0.predict(field);
+        // A cost is positive.
+        (Prediction { cot: 1.0 - prediction.viability + 1e-6, ..prediction }, fault)
+    }
+}

@@ -1,0 +1,242 @@
+//! `evaluate all`: every experiment of METHOD, section 6, and the ablations, as tables, figures and one
+//! page that holds the paper's claims beside what was measured.
+
+mod claims;
+mod figures;
+mod findings;
+mod plan;
+mod tables;
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, ensure};
+use serde::Serialize;
+use vocaloco_core::predictor::backend;
+
+use self::claims::{Claim, Evidence, Verdict};
+use self::findings::{Findings, Measuring};
+use self::plan::Plan;
+use super::arena::Arena;
+use super::course::palette;
+use super::store::Store;
+use super::who::Who;
+use crate::report::{ClaimLine, Figure, Inks, Paper};
+use crate::{exit::Exit, output, progress, verbs::Shared};
+
+/// Measures everything that the paper reports, and writes it down beside its claims.
+///
+/// A killed run goes on where it was: every result stands in a file of its own, found again by the
+/// configuration and the hashes of all models; delete `measured/` or say --fresh to measure anew.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    /// A few rollouts of everything, within minutes
+    #[arg(long)]
+    quick: bool,
+    /// Rollouts a height and selector; the ablations take at most as many
+    #[arg(long, value_name = "N")]
+    rollouts: Option<u64>,
+    /// Fresh poses a skill, terrain and height
+    #[arg(long, value_name = "N")]
+    samples: Option<u64>,
+    /// Deployment whose skills may run
+    #[arg(long, default_value = "anymal_stairs", value_name = "NAME")]
+    deployment: String,
+    /// The end-to-end skill to compare with: it runs alone and never stops
+    #[arg(long, default_value = "end_to_end", value_name = "NAME")]
+    baseline: String,
+    /// Folder for the page, tables, figures, logs and what was measured
+    #[arg(long, default_value = "out/paper", value_name = "DIR")]
+    out: PathBuf,
+    /// Measure even what stands
+    #[arg(long)]
+    fresh: bool,
+    /// Threads; 0 for as many as there are processors
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    threads: usize,
+    #[command(flatten)]
+    shared: Shared,
+}
+
+#[derive(Serialize)]
+struct Summary<'a> {
+    command: &'a str,
+    seed: u64,
+    version: &'static str,
+    backend: &'a str,
+    deployment: &'a str,
+    baseline: &'a str,
+    roles: &'a findings::Roles,
+    plan: &'a Plan,
+    claims: &'a [Claim],
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
+    for (flag, count) in [("rollouts", args.rollouts), ("samples", args.samples)] {
+        ensure!(count != Some(0), "--{flag}: found 0, wanted 1 or more");
+    }
+    let plan = if args.quick { Plan::quick(args.shared.seed) } else { Plan::full(args.shared.seed) };
+    let plan = plan.with_counts(args.rollouts, args.samples);
+    for folder in ["tables", "figures", "logs"] {
+        let folder = args.out.join(folder);
+        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    let store = Store::open(&args.out.join("measured"), args.fresh)?;
+    let arena = Arena::load(&args.deployment, &[&args.baseline], (store, args.threads))?;
+    let baseline = Who::Skill(args.baseline.clone());
+    let bar = progress::bar("", 0);
+    let measuring = Measuring { arena: &arena, plan: &plan, baseline: &baseline, out: &args.out, bar: &bar };
+    bar.set_length(measuring.pieces());
+    let findings = measuring.all()?;
+    bar.finish_and_clear();
+
+    let skills = arena.names();
+    let roles = findings.roles(&skills).context("no skill is 90 % viable on flat ground")?;
+    let evidence = Evidence {
+        findings: &findings,
+        plan: &plan,
+        roles: &roles,
+        skills: &skills,
+        baseline: &args.baseline,
+        deployment: &args.deployment,
+    };
+    let (claims, figures) = (evidence.claims(), figures::figures(&evidence));
+    let backend = backend();
+    let backend = format!("{} {}", backend.name, backend.version);
+    let command = command(args);
+    let summary = Summary {
+        command: &command,
+        seed: args.shared.seed,
+        version: env!("CARGO_PKG_VERSION"),
+        backend: &backend,
+        deployment: &args.deployment,
+        baseline: &args.baseline,
+        roles: &roles,
+        plan: &plan,
+        claims: &claims,
+    };
+    write(&args.out.join("report.json"), &(serde_json::to_string_pretty(&summary)? + "\n"))?;
+    tables::write(&args.out.join("tables"), &evidence, &claims)?;
+    for figure in &figures {
+        let path = args.out.join("figures").join(format!("{}.svg", figure.id));
+        write(&path, &figure.svg(1060.0, Inks::Print))?;
+    }
+    let page = args.out.join("report.html");
+    write(&page, &paper(&summary, &arena, &baseline, findings, figures).html()?)?;
+    if args.shared.json {
+        output::json(&summary)?;
+    } else {
+        print(&claims, &page, &command)?;
+    }
+    Ok(Exit::Fine)
+}
+
+fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn paper(
+    summary: &Summary<'_>,
+    arena: &Arena,
+    baseline: &Who,
+    findings: Findings,
+    figures: Vec<Figure>,
+) -> Paper {
+    let plan = summary.plan;
+    let (ablations, results): (Vec<Figure>, Vec<Figure>) =
+        figures.into_iter().partition(|figure| figure.title.starts_with("Ablation"));
+    let (dangers, results): (Vec<Figure>, Vec<Figure>) =
+        results.into_iter().partition(|figure| figure.id.starts_with("danger"));
+    let thresholds: Vec<String> =
+        arena.thresholds().iter().map(|(name, threshold)| format!("{name} {threshold}")).collect();
+    Paper {
+        version: summary.version,
+        command: summary.command.to_owned(),
+        seed: summary.seed,
+        backend: summary.backend.to_owned(),
+        lead: format!(
+            "What Wu et al. (2025) report, measured again: {} in the simulator, skills {}, against the end-to-end skill {} that runs \
+             alone and never stops.",
+            arena.robot.name,
+            arena.names().join(", "),
+            summary.baseline
+        ),
+        caveat: if plan.quick {
+            format!(
+                "The short version: {} rollouts a height and selector, {} poses a skill and height. Intervals are wide and verdicts may \
+                 turn; `vocaloco evaluate all` measures in full.",
+                plan.rollouts, plan.samples
+            )
+        } else {
+            String::new()
+        },
+        claims: summary.claims.iter().map(claim_line).collect(),
+        figures: vec![
+            ("Results".to_owned(), results),
+            ("Where is the danger?".to_owned(), dangers),
+            ("Ablations".to_owned(), ablations),
+        ],
+        courses: findings.runs.into_iter().map(|run| run.packed).collect(),
+        palette: palette(arena, std::slice::from_ref(baseline)),
+        field_caption: "Heights around the base as the networks see them, each with ±0.1 m of noise; blue is low.".to_owned(),
+        conditions: vec![
+            format!("Deployment {}: viability thresholds {}.", summary.deployment, thresholds.join(", ")),
+            format!(
+                "Skills by what they turned out to be good at: cheapest on the level {}, most viable up stairs {}, down stairs {}.",
+                summary.roles.level, summary.roles.up, summary.roles.down
+            ),
+            "rapier at 200 Hz, decisions at 50 Hz, 0.6 m/s straight ahead; friction 0.5 to 1.25, base mass ±5 kg, sensor noise; ±10 cm \
+             on every height that predictors see, ±2 cm on those that skills see."
+                .to_owned(),
+            "Reached: within 0.5 m of the target on the far flat. Crashed: the base touched something. Stopped: stood for 2 s by the \
+             selector's verdict. Stuck: three times the time at 0.6 m/s. The first that happens counts."
+                .to_owned(),
+            "The oracle is the selector fed with collected viability and cost by skill, terrain under the field, and height.".to_owned(),
+        ],
+    }
+}
+
+fn claim_line(claim: &Claim) -> ClaimLine {
+    ClaimLine {
+        claim: claim.words.clone(),
+        by: claim.by.to_owned(),
+        ours: claim.ours.clone(),
+        verdict: match claim.verdict {
+            Verdict::Agrees => "agrees",
+            Verdict::Differs => "differs",
+            Verdict::NotMeasured => "unmeasured",
+        },
+        why: claim.why.clone(),
+        n: claim.n.clone(),
+        seed: claim.seed,
+        command: claim.command.clone(),
+        figure: claim.figure.map(str::to_owned),
+    }
+}
+
+fn print(claims: &[Claim], page: &Path, command: &str) -> anyhow::Result<()> {
+    for claim in claims {
+        let verdict = match claim.verdict {
+            Verdict::Agrees => "agrees",
+            Verdict::Differs => "differs",
+            Verdict::NotMeasured => "not measured",
+        };
+        output::line(&format!("{verdict:<13} {}\n              {}", claim.words, claim.ours))?;
+    }
+    output::line(&format!("\nRead it: {}\nRepeat it: {command}", page.display()))?;
+    Ok(())
+}
+
+/// The command that repeats it, on any number of threads.
+fn command(args: &Args) -> String {
+    let mut words = vec!["vocaloco evaluate all".to_owned()];
+    if args.quick {
+        words.push("--quick".to_owned());
+    }
+    words.extend(args.rollouts.map(|rollouts| format!("--rollouts {rollouts}")));
+    words.extend(args.samples.map(|samples| format!("--samples {samples}")));
+    words.push(format!(
+        "--deployment {} --baseline {} --seed {}",
+        args.deployment, args.baseline, args.shared.seed
+    ));
+    words.join(" ")
+}
