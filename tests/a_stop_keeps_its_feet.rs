@@ -21,7 +21,7 @@ struct Scripted(Arc<AtomicBool>);
 impl Predict for Scripted {
     fn predict(&mut self, _: &Field) -> (Prediction, Option<CallFault>) {
         let viability = if self.0.load(Ordering::Relaxed) { 1.0 } else { 0.0 };
-        (Prediction { viability, cot: 0.5 }, None)
+        (Prediction::of(viability, 0.5), None)
     }
 }
 

@@ -36,15 +36,30 @@ fn assert_positive(report: &Value, pointers: &[&str]) {
 
 #[test]
 fn a_tick_of_more_skills_than_are_shipped_is_timed_and_a_skill_drives() {
-    let report = bench(&["tick", "--skills", "5", "--ticks", "50"]);
+    let report = bench(&["tick", "--skills", "5", "--ticks", "50", "--python", "/nowhere/python3"]);
     assert_eq!((&report["skills"], &report["ticks"]), (&5.into(), &50.into()), "{report:#}");
     assert_positive(&report, &["/p50_us", "/p99_us", "/max_us", "/driven_share"]);
     let figure = |name: &str| report[name].as_f64().expect(name);
     assert!(figure("p50_us") <= figure("p99_us") && figure("p99_us") <= figure("max_us"), "{report:#}");
     assert!(report["backend"].is_string(), "{report:#}");
-    for unknown in ["allocations_per_tick", "peer"] {
-        assert_eq!(report.get(unknown), Some(&Value::Null), "{unknown} in {report:#}");
-    }
+    assert_eq!(report["networks"], serde_json::json!({ "own forward": 10 }), "{report:#}");
+    assert_eq!(report.get("peer"), Some(&Value::Null), "{report:#}");
+}
+
+#[test]
+fn a_tick_allocates_nothing() {
+    let report = bench(&["tick", "--ticks", "300", "--python", "/nowhere/python3"]);
+    assert_eq!(report["allocations_per_tick"].as_f64(), Some(0.0), "{report:#}");
+}
+
+#[test]
+#[cfg_attr(not(feature = "peers"), ignore = "needs python3 with the packages numpy and onnxruntime")]
+fn onnxruntime_answers_as_the_tick_s_networks_do_and_takes_longer_than_the_whole_tick() {
+    let report = bench(&["tick", "--ticks", "300"]);
+    assert_positive(&report, &["/peer/p50_us"]);
+    let figure = |pointer: &str| report.pointer(pointer).and_then(Value::as_f64).expect(pointer);
+    assert!(figure("/peer/largest_difference") <= 1e-4, "{report:#}");
+    assert!(figure("/p50_us") < figure("/peer/p50_us"), "{report:#}");
 }
 
 #[test]

@@ -36,7 +36,7 @@ impl Says {
 impl Predict for Says {
     fn predict(&mut self, _: &Field) -> (Prediction, Option<CallFault>) {
         let (viability, cot) = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        (Prediction { viability, cot }, None)
+        (Prediction::of(viability, cot), None)
     }
 }
 

@@ -1,6 +1,7 @@
 //! `vocaloco`: the command line that people use and robots run, and the only place that prints.
 //! Arguments are parsed here; each verb lives in its own file under `verbs/`.
 
+mod allocations;
 mod exit;
 mod output;
 mod progress;
@@ -13,6 +14,9 @@ use std::process::ExitCode;
 use clap::{CommandFactory, Parser};
 use exit::Exit;
 use verbs::Verb;
+
+#[global_allocator]
+static ALLOCATOR: allocations::Counting = allocations::Counting;
 
 #[derive(Parser)]
 #[command(name = "vocaloco", version, about = ABOUT, after_help = EXAMPLES, disable_help_subcommand = true)]

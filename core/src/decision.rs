@@ -21,6 +21,10 @@ pub struct SkillVerdict {
     pub viability: Option<f32>,
     /// Predicted cost of transport; none likewise.
     pub cot: Option<f32>,
+    /// How unlike the terrain that its predictors know this one is, up to 1 known; none where they do
+    /// not say what they know.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub strangeness: Option<f32>,
     /// Whether it may be chosen.
     pub viable: bool,
     /// Why, or why not.
@@ -30,7 +34,8 @@ pub struct SkillVerdict {
 impl SkillVerdict {
     /// The prediction as the selector saw it.
     pub fn prediction(&self) -> Prediction {
-        Prediction { viability: self.viability.unwrap_or(f32::NAN), cot: self.cot.unwrap_or(f32::NAN) }
+        let [viability, cot] = [self.viability, self.cot].map(|value| value.unwrap_or(f32::NAN));
+        Prediction { viability, cot, strangeness: self.strangeness }
     }
 }
 

@@ -7,7 +7,7 @@
 use thiserror::Error;
 use vocaloco_plugin_api::TerrainPatch;
 
-use crate::heightfield::{COLUMNS, Heightfield, ROWS};
+use crate::heightfield::{COLUMNS, Heightfield};
 
 /// Terrain heights around the base, yaw-aligned with it.
 ///
@@ -99,11 +99,13 @@ impl Elevation {
     pub fn heightfield(&self) -> Result<Heightfield, ElevationError> {
         self.check()?;
         let mut field = Heightfield::unknown();
-        for i in 0..ROWS {
-            for j in 0..COLUMNS {
-                let x_m = (i as f64 - 10.0) * 0.1;
-                let y_m = (5.0 - j as f64) * 0.1;
-                field.cells_m[i][j] = self.height_m(x_m, y_m);
+        let width = self.columns();
+        let columns: [Option<usize>; COLUMNS] =
+            std::array::from_fn(|j| self.column_at((5.0 - j as f64) * 0.1));
+        for (i, cells) in field.cells_m.iter_mut().enumerate() {
+            let row = self.row_at((i as f64 - 10.0) * 0.1);
+            for (cell, column) in cells.iter_mut().zip(&columns) {
+                *cell = self.cell_m(row, *column, width);
             }
         }
         Ok(field)
@@ -113,28 +115,43 @@ impl Elevation {
     /// front, columns left to right; NaN where the elevation does not reach or does not know.
     /// Values beyond the shorter of `out` and the patch are left alone.
     pub fn patch(&self, patch: &TerrainPatch, out: &mut [f32]) {
-        let columns = patch.columns().max(1);
-        for (index, height) in out.iter_mut().take(patch.rows() * columns).enumerate() {
-            let x_m = (index / columns) as f64 * patch.resolution_m - patch.back_m;
-            let y_m = patch.half_width_m - (index % columns) as f64 * patch.resolution_m;
-            *height = self.height_m(x_m, y_m);
+        let (width, columns) = (self.columns(), patch.columns().max(1));
+        for (i, heights) in out.chunks_mut(columns).take(patch.rows()).enumerate() {
+            let row = self.row_at(i as f64 * patch.resolution_m - patch.back_m);
+            for (j, height) in heights.iter_mut().enumerate() {
+                let column = self.column_at(patch.half_width_m - j as f64 * patch.resolution_m);
+                *height = self.cell_m(row, column, width);
+            }
         }
     }
 
     /// Height at the known point nearest to (x, y), m, yaw-aligned base frame; NaN when the point
     /// lies more than half a cell outside or the height is unknown or not finite.
     pub fn height_m(&self, x_m: f64, y_m: f64) -> f32 {
-        // The nudge makes a point half-way between two rows fall on the same one whatever the
-        // rounding of the extents.
-        let row = ((x_m + self.back_m) / self.resolution_m + 1e-6).round();
-        let column = ((self.half_width_m - y_m) / self.resolution_m + 1e-6).round();
-        let (rows, columns) = (self.rows(), self.columns());
-        if !(row >= 0.0 && column >= 0.0 && row < rows as f64 && column < columns as f64) {
-            return f32::NAN;
-        }
-        let height = self.height_m.get(row as usize * columns + column as usize).copied();
-        height.filter(|height| height.is_finite()).unwrap_or(f32::NAN)
+        self.cell_m(self.row_at(x_m), self.column_at(y_m), self.columns())
     }
+
+    fn cell_m(&self, row: Option<usize>, column: Option<usize>, width: usize) -> f32 {
+        let cell = row.zip(column).and_then(|(row, column)| self.height_m.get(row * width + column));
+        cell.copied().filter(|height| height.is_finite()).unwrap_or(f32::NAN)
+    }
+
+    fn row_at(&self, x_m: f64) -> Option<usize> {
+        nearest((x_m + self.back_m) / self.resolution_m, self.rows())
+    }
+
+    fn column_at(&self, y_m: f64) -> Option<usize> {
+        nearest((self.half_width_m - y_m) / self.resolution_m, self.columns())
+    }
+}
+
+/// The one of `count` points that is nearest to `place`, in points from the first; none outside them.
+fn nearest(place: f64, count: usize) -> Option<usize> {
+    // The nudge makes a place half-way between two points fall on the same one whatever the rounding
+    // of the extents.
+    let nearest = (place + 1e-6).round();
+    // Phrased as "is inside", so NaN is outside.
+    (nearest >= 0.0 && nearest < count as f64).then_some(nearest as usize)
 }
 
 fn points(extent_m: f64, resolution_m: f64) -> usize {

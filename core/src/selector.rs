@@ -25,11 +25,19 @@ pub struct Prediction {
     pub viability: f32,
     /// Cost of transport.
     pub cot: f32,
+    /// How unlike the terrain that the predictors know this one is, up to 1 known; none where they do
+    /// not say what they know.
+    pub strangeness: Option<f32>,
 }
 
 impl Prediction {
     /// No prediction at all.
-    pub const NONE: Self = Self { viability: f32::NAN, cot: f32::NAN };
+    pub const NONE: Self = Self::of(f32::NAN, f32::NAN);
+
+    /// Of predictors that do not say what terrain they know.
+    pub const fn of(viability: f32, cot: f32) -> Self {
+        Self { viability, cot, strangeness: None }
+    }
 
     /// Whether both numbers can be used.
     pub fn is_usable(&self) -> bool {
@@ -67,6 +75,11 @@ pub enum Reason {
     BelowThreshold {
         /// The threshold.
         threshold: f32,
+    },
+    /// Terrain unlike any that its predictors were fitted to, whatever they say of it.
+    UnknownTerrain {
+        /// How unlike: a known one has at most 1.
+        strangeness: f32,
     },
     /// Predicted cost of transport is zero or less, which no walking robot has.
     CotNotPositive,
@@ -107,6 +120,12 @@ impl fmt::Display for Reason {
         match self {
             Self::Viable { threshold } => write!(f, "viable: at or above {threshold}"),
             Self::BelowThreshold { threshold } => write!(f, "viability below {threshold}"),
+            Self::UnknownTerrain { strangeness } => {
+                write!(
+                    f,
+                    "terrain unlike any it was trained on: strangeness {strangeness:.2}, at most 1 is known"
+                )
+            }
             Self::CotNotPositive => f.write_str("predicted cost of transport is not positive"),
             Self::Unusable => f.write_str("a prediction is not a usable number"),
             Self::CommandOutside { found, least, greatest } => {
@@ -231,7 +250,11 @@ impl Selector {
             return reason;
         }
         let threshold = rule.viability_threshold;
-        if prediction.cot <= 0.0 {
+        // Phrased as "is inside", so that NaN is refused too.
+        let strange = prediction.strangeness.filter(|strangeness| !(0.0..=1.0).contains(strangeness));
+        if let Some(strangeness) = strange {
+            Reason::UnknownTerrain { strangeness }
+        } else if prediction.cot <= 0.0 {
             Reason::CotNotPositive
         } else if prediction.viability >= threshold {
             Reason::Viable { threshold }
@@ -293,7 +316,7 @@ mod tests {
         predictions: [(f32, f32); 3],
         command: &Command,
     ) -> (Choice, Vec<Reason>) {
-        let predictions = predictions.map(|(viability, cot)| Prediction { viability, cot });
+        let predictions = predictions.map(|(viability, cot)| Prediction::of(viability, cot));
         let mut reasons = Vec::new();
         let choice = selector.choose(&predictions, command, &mut reasons);
         (choice, reasons)
@@ -400,7 +423,7 @@ mod tests {
         rules.push(rule("trot", 0.95));
         let mut grown = Selector::new(rules);
         let predictions = [(0.99, 0.3), (0.99, 0.9), (0.1, 0.5), (0.99, 0.25)];
-        let predictions = predictions.map(|(viability, cot)| Prediction { viability, cot });
+        let predictions = predictions.map(|(viability, cot)| Prediction::of(viability, cot));
         let mut reasons = Vec::new();
         assert_eq!(grown.choose(&predictions, &FORWARD, &mut reasons), Choice::Skill(3));
         assert_eq!(reasons[..3], before[..]);
@@ -411,5 +434,23 @@ mod tests {
         assert!(is_zero(&Command::velocity(0.0, -0.0, 0.0)));
         assert!(!is_zero(&Command::velocity(0.0, 0.0, 0.2)));
         assert!(!is_zero(&Command::velocity(-0.1, 0.0, 0.0)));
+    }
+
+    #[test]
+    fn terrain_unlike_the_training_s_is_not_viable_however_sure_the_prediction() {
+        let mut selector = selector();
+        let mut reasons = Vec::new();
+        let strange =
+            |strangeness: f32| Prediction { strangeness: Some(strangeness), ..Prediction::of(0.99, 0.2) };
+        for strangeness in [1.01, 40.0, f32::NAN, f32::INFINITY, -1.0] {
+            let predictions = [strange(strangeness), strange(1.0), Prediction::of(0.99, 0.5)];
+            assert_eq!(
+                selector.choose(&predictions, &FORWARD, &mut reasons),
+                Choice::Skill(1),
+                "{strangeness}"
+            );
+            assert!(matches!(reasons[0], Reason::UnknownTerrain { .. }), "{strangeness}: {}", reasons[0]);
+            assert!(!reasons[0].is_out_of_service());
+        }
     }
 }

@@ -17,7 +17,9 @@ fn main() -> ExitCode {
 fn run() -> Result<ExitCode, Box<dyn std::error::Error>> {
     let words: Vec<_> = std::env::args_os().skip(1).take(2).collect();
     let learns = words.first().is_some_and(|verb| verb == "train" || verb == "train-policy")
-        || words == ["bench", "policy"];
+        || words == ["bench", "policy"]
+        || words == ["bench", "train"]
+        || words == ["evaluate", "novelty"];
     let programs: &[&str] = if learns { &["vocaloco", "vocaloco-train"] } else { &["vocaloco"] };
     let folder = vocaloco_dev::build_plugins(&["plugins"], programs)?;
     let program = folder.join(format!("vocaloco{}", std::env::consts::EXE_SUFFIX));

@@ -4,10 +4,12 @@ mod policy;
 #[cfg(feature = "sim")]
 mod rollouts;
 mod tick;
+mod tick_peer;
+mod train;
 
 use crate::exit::Exit;
 
-/// Measure speed: of the loop that a robot runs, of collection, of policy training.
+/// Measure speed: of the loop that a robot runs, of collection, of training.
 ///
 /// Figures are of this machine and this moment: other work on it makes them worse, so repeat before
 /// comparing. Where another program does the same job and is installed, `peer` is its figure from the
@@ -24,6 +26,7 @@ enum What {
     #[cfg(feature = "sim")]
     Rollouts(rollouts::Args),
     Policy(policy::Args),
+    Train(train::Args),
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
@@ -32,5 +35,6 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         #[cfg(feature = "sim")]
         What::Rollouts(args) => rollouts::run(&args),
         What::Policy(_) => policy::run(),
+        What::Train(_) => train::run(),
     }
 }

@@ -1,10 +1,14 @@
 //! The two small networks of a skill, viability and cost of transport, read from ONNX files.
 //!
 //! A file passes the guard before any model runtime sees it; what goes in and what comes out is
-//! checked on every prediction, because runtimes differ in what they make of a NaN.
+//! checked on every prediction, because runtimes differ in what they make of a NaN. The method's own
+//! network is computed here, any other by the process's ONNX runtime.
 
 pub(crate) mod backend;
+mod evaluator;
+mod fixed;
 pub(crate) mod guard;
+pub mod known_terrain;
 #[cfg(test)]
 pub(crate) mod network;
 #[cfg(test)]
@@ -13,17 +17,17 @@ mod tests;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use ort::session::Session;
-use ort::value::Tensor;
 use sha2::{Digest, Sha256};
 use thiserror::Error;
 
 pub use backend::{Backend, backend};
 pub(crate) use guard::MAX_BYTES as MAX_MODEL_BYTES;
 
-use crate::heightfield::{COLUMNS, Field, ROWS};
+use crate::heightfield::Field;
 use crate::manifest::Finding;
+use evaluator::Evaluator;
 use guard::Fault;
+use known_terrain::KnownTerrain;
 
 /// What a predictor predicts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,8 +63,9 @@ pub struct Predictor {
     file: PathBuf,
     sha256: String,
     quantity: Quantity,
-    session: Session,
-    input: Tensor<f32>,
+    evaluator: Evaluator,
+    note: Option<String>,
+    known: Option<KnownTerrain>,
 }
 
 impl std::fmt::Debug for Predictor {
@@ -91,18 +96,28 @@ impl Predictor {
     /// As [`load`](Self::load).
     pub fn from_bytes(bytes: &[u8], file: &Path, quantity: Quantity) -> Result<Self, ModelError> {
         let refuse = |fault: Fault| ModelError(Finding::new(file, fault.field, fault.found, fault.wanted));
-        guard::check(bytes, quantity).map_err(refuse)?;
-        let backend_error = |error: ort::Error| {
-            ModelError(Finding::new(file, "model", error, format!("a model that {} loads", backend().name)))
-        };
-        let session = backend::session(bytes).map_err(backend_error)?;
-        let input = Tensor::from_array(([1_usize, 1, ROWS, COLUMNS], vec![0.0_f32; ROWS * COLUMNS]))
-            .map_err(backend_error)?;
-        let sha256 = Sha256::digest(bytes).iter().fold(String::new(), |hex, byte| format!("{hex}{byte:02x}"));
-        let mut predictor = Self { file: file.to_owned(), sha256, quantity, session, input };
+        let checked = guard::check(bytes, quantity).map_err(refuse)?;
+        let known = checked.metadata.get(known_terrain::KEY);
+        let known = known.map(|text| KnownTerrain::from_text(text)).transpose().map_err(refuse)?;
         // A model that cannot answer for flat ground is refused now rather than on the stairs.
-        predictor.run()?;
-        Ok(predictor)
+        let (evaluator, note) = Evaluator::of(bytes, &checked.graph, quantity).map_err(refuse)?;
+        let sha256 = Sha256::digest(bytes).iter().fold(String::new(), |hex, byte| format!("{hex}{byte:02x}"));
+        Ok(Self { file: file.to_owned(), sha256, quantity, evaluator, note, known })
+    }
+
+    /// The file that it was read from.
+    pub fn file(&self) -> &Path {
+        &self.file
+    }
+
+    /// What computes it: `own forward`, or the process's ONNX runtime by name.
+    pub fn runs_on(&self) -> &'static str {
+        self.evaluator.name()
+    }
+
+    /// Why a network of the method's shape is left to the ONNX runtime: the two disagree on it.
+    pub fn note(&self) -> Option<&str> {
+        self.note.as_deref()
     }
 
     /// SHA-256 of the file, lowercase hex.
@@ -115,38 +130,27 @@ impl Predictor {
         self.quantity
     }
 
+    /// How unlike the terrain that it was fitted to a field is: up to 1 it is known. None where the file
+    /// says nothing of that terrain.
+    pub fn strangeness(&self, field: &Field) -> Option<f32> {
+        self.known.as_ref().map(|known| known.strangeness(field))
+    }
+
     /// The prediction for a field.
     ///
     /// # Errors
     /// The backend fails, or the prediction is not finite or, for viability, not within 0 to 1.
     pub fn predict(&mut self, field: &Field) -> Result<f32, ModelError> {
         // A `Field` is finite by construction, so nothing but numbers goes in.
-        let (_, cells) = self.input.extract_tensor_mut();
-        cells.copy_from_slice(field.as_slice());
-        let found = self.run()?;
+        let found = self
+            .evaluator
+            .run(field.as_slice(), self.quantity)
+            .map_err(|fault| ModelError(Finding::new(&self.file, fault.field, fault.found, fault.wanted)))?;
         let (inside, wanted) = match self.quantity {
             Quantity::Viability => ((0.0..=1.0).contains(&found), "0 to 1"),
             Quantity::Cot => (found.is_finite(), "a finite number"),
         };
         if inside { Ok(found) } else { Err(self.error(found, wanted)) }
-    }
-
-    fn run(&mut self) -> Result<f32, ModelError> {
-        let outputs = match self.session.run(ort::inputs![guard::INPUT => &self.input]) {
-            Ok(outputs) => outputs,
-            Err(error) => {
-                return Err(ModelError(Finding::new(&self.file, "model", error, "a model that runs")));
-            }
-        };
-        let value = outputs.get(self.quantity.output()).map(|value| value.try_extract_tensor::<f32>());
-        let found = match value {
-            Some(Ok((shape, [value]))) if shape.len() == 2 => return Ok(*value),
-            Some(Ok((shape, _))) => format!("{shape:?}"),
-            Some(Err(error)) => error.to_string(),
-            None => "no such output".to_owned(),
-        };
-        drop(outputs);
-        Err(self.error(found, "f32 [1, 1]"))
     }
 
     fn error(&self, found: impl std::fmt::Display, wanted: &str) -> ModelError {

@@ -6,7 +6,7 @@ use tract_onnx::pb::{GraphProto, ModelProto, NodeProto, TensorProto};
 use super::guard::{self, Fault};
 use super::network::{Network, int, ints, value_info};
 use super::*;
-use crate::heightfield::Heightfield;
+use crate::heightfield::{COLUMNS, Heightfield, ROWS};
 
 /// Steps up ahead, more to the left: no axis can be mirrored or swapped unnoticed.
 fn stairs() -> Field {
@@ -238,7 +238,7 @@ fn the_guard_takes_a_reshape_and_a_matrix_product_as_other_exporters_write_them(
     flatten.op_type = "Reshape".into();
     flatten.input.push("shape".into());
     flatten.attribute.clear();
-    assert_eq!(guard::check(&model.encode_to_vec(), Quantity::Cot), Ok(()));
+    assert!(guard::check(&model.encode_to_vec(), Quantity::Cot).is_ok());
     let mut predictor = load(&model.encode_to_vec(), Quantity::Cot).unwrap();
     let wanted = Network::arbitrary(Quantity::Cot).forward(&stairs());
     assert!((predictor.predict(&stairs()).unwrap() - wanted).abs() < 1e-5);
@@ -254,4 +254,16 @@ fn a_prediction_that_overflows_is_an_error_and_not_a_number_that_gets_out() {
     let error =
         load(&model.encode_to_vec(), Quantity::Cot).and_then(|mut p| p.predict(&stairs())).unwrap_err();
     assert_eq!((error.0.field.as_str(), error.0.found.as_str()), ("cot", "inf"));
+}
+
+#[test]
+fn a_network_of_the_method_is_computed_here_and_any_other_by_the_runtime() {
+    let network = Network::arbitrary(Quantity::Viability);
+    let predictor = load(&network.onnx(), Quantity::Viability).unwrap();
+    assert_eq!((predictor.runs_on(), predictor.note()), ("own forward", None));
+    let mut model = network.model();
+    node(&mut model, "Relu").op_type = "Tanh".into();
+    let mut other = load(&model.encode_to_vec(), Quantity::Viability).unwrap();
+    assert_eq!((other.runs_on(), other.note()), (backend().name, None));
+    assert!((0.0..=1.0).contains(&other.predict(&stairs()).unwrap()));
 }

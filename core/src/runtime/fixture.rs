@@ -103,7 +103,7 @@ impl Predict for Fake {
         let hangs = self.with(|script| script.predict_hangs.clone());
         hangs.iter().for_each(Gate::wait);
         let (viability, cot) = self.with(|script| script.prediction.unwrap());
-        (Prediction { viability, cot }, None)
+        (Prediction::of(viability, cot), None)
     }
 }
 

@@ -279,7 +279,8 @@ impl Runtime {
         for (skill, verdict) in self.decision.skills.iter_mut().enumerate() {
             let reason = self.selector.out_of_service(skill).unwrap_or(Reason::NoObservation);
             let name = std::mem::take(&mut verdict.name);
-            *verdict = SkillVerdict { name, viability: None, cot: None, viable: false, reason };
+            *verdict =
+                SkillVerdict { name, viability: None, cot: None, strangeness: None, viable: false, reason };
         }
         self.force(Forced::Observation);
         if self.drives.is_some() {
@@ -368,6 +369,7 @@ fn unseen(rule: &Rule) -> SkillVerdict {
         name: rule.name.clone(),
         viability: None,
         cot: None,
+        strangeness: None,
         viable: false,
         reason: Reason::NoObservation,
     }

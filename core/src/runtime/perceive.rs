@@ -88,6 +88,7 @@ impl Runtime {
         for (verdict, (prediction, reason)) in self.decision.skills.iter_mut().zip(seen) {
             verdict.viability = Some(prediction.viability).filter(|value| value.is_finite());
             verdict.cot = Some(prediction.cot).filter(|value| value.is_finite());
+            verdict.strangeness = prediction.strangeness.filter(|value| value.is_finite());
             verdict.viable = matches!(reason, Reason::Viable { .. });
             verdict.reason = *reason;
         }

@@ -90,7 +90,7 @@ impl Predict for Networks {
         };
         let viability = value(self.viability.predict(field));
         let cot = value(self.cot.predict(field));
-        (Prediction { viability, cot }, failed)
+        (Prediction { viability, cot, strangeness: self.viability.strangeness(field) }, failed)
     }
 }
 

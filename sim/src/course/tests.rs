@@ -136,7 +136,14 @@ fn standing_for_two_seconds_without_a_break_is_a_stop() {
 }
 
 fn decided(forced: Option<Forced>, reason: Reason) -> Decision {
-    let walk = SkillVerdict { name: "walk".into(), viability: None, cot: None, viable: false, reason };
+    let walk = SkillVerdict {
+        name: "walk".into(),
+        viability: None,
+        cot: None,
+        strangeness: None,
+        viable: false,
+        reason,
+    };
     Decision { forced, skills: vec![walk], ..Decision::default() }
 }
 

@@ -1,5 +1,7 @@
 //! `bench tick`: how long the runtime takes from an observation to joint targets.
 
+use std::collections::BTreeMap;
+
 use anyhow::{Context, ensure};
 use serde::Serialize;
 use vocaloco_core::{
@@ -16,7 +18,9 @@ use vocaloco_core::{
 };
 use vocaloco_plugin_api::Command;
 
+use super::tick_peer::{self, Peer};
 use crate::{
+    allocations,
     exit::Exit,
     output, progress,
     verbs::{Shared, run::pace::clock},
@@ -33,8 +37,9 @@ use crate::{
 /// (`isolated`); `added_p50_us` is what that costs.
 ///
 /// More skills than the deployment has are its own over again, each with a plugin instance and networks
-/// of its own. Allocations are not counted by this program: `allocations_per_tick` is null. `peer` is
-/// null: no other program ticks these skills yet.
+/// of its own. `allocations_per_tick` is this program's; what a plugin's library allocates is not seen.
+/// `peer` runs the networks alone, two a skill, on one thread of Python's onnxruntime, where the
+/// interpreter has that package, and must answer as ours do.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Skills to choose from; by default the deployment's, beyond them those again under other names
@@ -46,6 +51,9 @@ pub(crate) struct Args {
     /// Deployment whose skills tick
     #[arg(long, default_value = "anymal_stairs", value_name = "NAME")]
     deployment: String,
+    /// Python interpreter that may have the package `onnxruntime`
+    #[arg(long, default_value = "python3", value_name = "PATH")]
+    python: String,
     #[command(flatten)]
     shared: Shared,
 }
@@ -70,9 +78,11 @@ struct Report {
     driven_share: f64,
     real_time: Otherwise,
     isolated: Option<Otherwise>,
-    allocations_per_tick: Option<f64>,
+    allocations_per_tick: f64,
+    /// What computes each kind of network, and how many there are of it.
+    networks: BTreeMap<&'static str, usize>,
     backend: String,
-    peer: Option<()>,
+    peer: Option<Peer>,
 }
 
 /// The same ticks with calls made otherwise, µs.
@@ -90,14 +100,23 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     ensure!(args.ticks > 0, "--ticks: found 0, wanted 1 or more");
     ensure!(args.skills != Some(0), "--skills: found 0, wanted 1 or more");
     let installation = Installation::find()?;
-    let loaded = args.load(&installation)?;
+    let mut loaded = args.load(&installation)?;
     for refusal in &loaded.refused {
         eprintln!("{refusal}");
     }
     let skills = loaded.skills.len();
+    let mut networks = BTreeMap::new();
+    for predictor in loaded.skills.iter().flat_map(|skill| skill.viability.iter().chain(&skill.cot)) {
+        *networks.entry(predictor.runs_on()).or_default() += 1;
+        if let Some(note) = predictor.note() {
+            eprintln!("{}: {note}", predictor.file().display());
+        }
+    }
+    let field = stairs(0.4, loaded.robot.description.stand_height_m).heightfield()?.prepare(None)?;
+    let peer = tick_peer::time(&args.python, &mut loaded.skills, &field, args.ticks)?;
     let plain = args.time(Runtime::new(loaded)?);
     let otherwise = |runtime: Runtime| {
-        let Timed { times_us, .. } = args.time(runtime);
+        let times_us = args.time(runtime).times_us;
         Otherwise {
             p50_us: quantile(&times_us, 0.5),
             p99_us: quantile(&times_us, 0.99),
@@ -134,9 +153,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         driven_share: plain.driven as f64 / args.ticks as f64,
         real_time,
         isolated,
-        allocations_per_tick: None,
+        allocations_per_tick: plain.allocations as f64 / args.ticks as f64,
+        networks,
         backend: format!("{} {}", backend().name, backend().version),
-        peer: None,
+        peer,
     };
     if args.shared.json {
         output::json(&report)?;
@@ -147,12 +167,21 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
 }
 
 fn say(report: &Report) -> anyhow::Result<()> {
-    let Report { skills, ticks, p50_us, p99_us, max_us, backend, .. } = report;
+    let Report { skills, ticks, p50_us, p99_us, max_us, .. } = report;
+    let networks = report.networks.iter().map(|(name, count)| format!("{count} by {name}"));
     output::line(&format!(
-        "{skills} skills, {ticks} ticks on {backend}: p50 {p50_us:.0} µs, p99 {p99_us:.0} µs, max {max_us:.0} \
-         µs; a skill drove in {:.0} %",
-        100.0 * report.driven_share
+        "{skills} skills, {ticks} ticks, networks {}: p50 {p50_us:.0} µs, p99 {p99_us:.0} µs, max {max_us:.0} \
+         µs; a skill drove in {:.0} %; {:.2} allocations a tick",
+        networks.collect::<Vec<_>>().join(", "),
+        100.0 * report.driven_share,
+        report.allocations_per_tick
     ))?;
+    if let Some(Peer { name, p50_us: theirs_us, .. }) = &report.peer {
+        output::line(&format!(
+            "the networks alone by {name}: p50 {theirs_us:.0} µs, {:.1} times as long as the whole tick",
+            theirs_us / p50_us
+        ))?;
+    }
     let otherwise = [
         ("calls on threads of their own", Some(&report.real_time)),
         ("plugins in processes of their own", report.isolated.as_ref()),
@@ -172,6 +201,7 @@ fn say(report: &Report) -> anyhow::Result<()> {
 struct Timed {
     times_us: Vec<f64>,
     driven: usize,
+    allocations: u64,
 }
 
 impl Args {
@@ -185,7 +215,7 @@ impl Args {
     fn time(&self, mut runtime: Runtime) -> Timed {
         let mut observations = approach(runtime.robot());
         let bar = progress::bar(&format!("{} skills", runtime.rules().len()), self.ticks as u64);
-        let mut timed = Timed { times_us: Vec::with_capacity(self.ticks), driven: 0 };
+        let mut timed = Timed { times_us: Vec::with_capacity(self.ticks), driven: 0, allocations: 0 };
         for tick in 0..WARM_UP_TICKS + self.ticks {
             let observation = &mut observations[tick % APPROACH_TICKS];
             let t_s = 0.02 * tick as f64;
@@ -193,10 +223,11 @@ impl Args {
             if let Some(elevation) = &mut observation.elevation {
                 elevation.t_s = t_s;
             }
-            let start = clock();
+            let (start, allocations) = (clock(), allocations::count());
             let ticked = runtime.tick(observation);
             let time_us = 1e6 * clock().saturating_sub(start).as_secs_f64();
             if tick >= WARM_UP_TICKS {
+                timed.allocations += allocations::count() - allocations;
                 timed.times_us.push(time_us);
                 timed.driven += usize::from(ticked.decision.active != STAND);
                 bar.inc(1);
@@ -209,8 +240,8 @@ impl Args {
 
     fn command(&self, skills: usize) -> String {
         format!(
-            "vocaloco bench tick --skills {skills} --ticks {} --deployment {} --seed {}",
-            self.ticks, self.deployment, self.shared.seed
+            "vocaloco bench tick --skills {skills} --ticks {} --deployment {} --python {} --seed {}",
+            self.ticks, self.deployment, self.python, self.shared.seed
         )
     }
 }

@@ -163,6 +163,7 @@ impl Fresh {
             let error = if now.is_nan() && then.is_nan() { 0.0 } else { (now - then).abs() };
             self.largest_error = if error.is_nan() { f32::INFINITY } else { self.largest_error.max(error) };
         }
-        Prediction { viability, cot }
+        let strangeness = self.networks[skill][0].as_ref().and_then(|network| network.strangeness(field));
+        Prediction { viability, cot, strangeness }
     }
 }

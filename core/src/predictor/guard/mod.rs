@@ -11,6 +11,8 @@ mod shapes;
 mod tensor;
 mod wire;
 
+use std::collections::BTreeMap;
+
 use prost::Message;
 use tract_onnx::pb::{self, type_proto, type_proto::Value};
 
@@ -58,22 +60,43 @@ fn short(text: &str) -> String {
     clean
 }
 
+/// A predictor that passed.
+#[derive(Debug)]
+pub(super) struct PredictorFile {
+    /// Its graph, tensors included.
+    pub(super) graph: pb::GraphProto,
+    /// What its exporter says of it.
+    pub(super) metadata: BTreeMap<String, String>,
+}
+
 /// Checks that `bytes` are a predictor of `quantity`.
 ///
 /// # Errors
 /// The first thing that is not as it should be.
-pub(super) fn check(bytes: &[u8], quantity: Quantity) -> Result<(), Fault> {
-    let (_, graph) = decode(bytes, MAX_BYTES)?;
+pub(super) fn check(bytes: &[u8], quantity: Quantity) -> Result<PredictorFile, Fault> {
+    let (model, graph) = decode(bytes, MAX_BYTES)?;
     signature("input", &graph.input, INPUT, &[1, 1, ROWS, COLUMNS])?;
     signature("output", &graph.output, quantity.output(), &[1, 1])?;
     let shapes = shapes::follow(&graph, INPUT, &[1, 1, ROWS, COLUMNS])?;
     match shapes.get(quantity.output()).map(Vec::as_slice) {
-        Some([1, 1]) => Ok(()),
+        Some([1, 1]) => Ok(PredictorFile { graph, metadata: metadata(model)? }),
         found => {
             let found = format!("{}: computed as {found:?}", quantity.output());
             Err(Fault::new("output", found, "[1, 1] for one field"))
         }
     }
+}
+
+/// What a model's exporter says of it, by key.
+fn metadata(model: pb::ModelProto) -> Result<BTreeMap<String, String>, Fault> {
+    let mut metadata = BTreeMap::new();
+    for entry in model.metadata_props {
+        if metadata.contains_key(&entry.key) {
+            return Err(Fault::new("metadata_props", format!("{} twice", entry.key), "every key once"));
+        }
+        metadata.insert(entry.key, entry.value);
+    }
+    Ok(metadata)
 }
 
 /// The model less its graph, and the graph, with what sizes them inside the bounds.

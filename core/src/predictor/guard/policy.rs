@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use tract_onnx::pb::{self, tensor_shape_proto::dimension::Value::DimValue, type_proto::Value};
 
-use super::{FLOAT, Fault, decode, shapes};
+use super::{FLOAT, Fault, decode, metadata, shapes};
 
 /// Largest file, bytes; 235 values through 512-256-128 neurons take 1.2 MB.
 pub(crate) const MAX_POLICY_BYTES: u64 = 8 << 20;
@@ -61,14 +61,7 @@ pub(crate) fn check_policy(bytes: &[u8]) -> Result<PolicyFile, Fault> {
             return Err(Fault::new("output", found, "[1, actions]"));
         }
     };
-    let mut metadata = BTreeMap::new();
-    for entry in model.metadata_props {
-        if metadata.contains_key(&entry.key) {
-            return Err(Fault::new("metadata_props", format!("{} twice", entry.key), "every key once"));
-        }
-        metadata.insert(entry.key, entry.value);
-    }
-    Ok(PolicyFile { graph, metadata, input, output, shapes })
+    Ok(PolicyFile { graph, metadata: metadata(model)?, input, output, shapes })
 }
 
 /// The number of values of an f32 input of shape `[1, n]` or `[N, n]`.
