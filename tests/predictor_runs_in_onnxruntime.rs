@@ -69,7 +69,7 @@ fn exported_networks_answer_as_the_training_kernel() {
         let origin =
             Origin { skill: "test".into(), robot: "anymal_d".into(), data_sha256: String::new(), seed };
         let file = folder.path().join(format!("{}.onnx", output_name(head)));
-        std::fs::write(&file, onnx(&parameters, head, &origin)).unwrap();
+        std::fs::write(&file, onnx(&parameters, head, &origin, None)).unwrap();
         files.push(file);
         wanted.push(answers(&parameters, head, &cells));
     }

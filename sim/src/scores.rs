@@ -1,6 +1,8 @@
 //! How well predictions match what was collected. Every function takes `(predicted, collected)`
 //! pairs, one a heightfield; a collected viability is the share of its rollouts that succeeded.
 
+use serde::Serialize;
+
 /// Bins of the expected calibration error.
 pub const ECE_BINS: usize = 15;
 
@@ -19,6 +21,11 @@ pub fn brier(pairs: &[(f32, f32)]) -> f64 {
     }))
 }
 
+/// Mean squared difference from what was collected.
+pub fn mse(pairs: &[(f32, f32)]) -> f64 {
+    mean(pairs.iter().map(|(p, l)| (f64::from(*p) - f64::from(*l)).powi(2)))
+}
+
 /// Expected calibration error over [`ECE_BINS`] equal bins of the predicted probability.
 ///
 /// ```text
@@ -32,7 +39,7 @@ pub fn ece(pairs: &[(f32, f32)]) -> f64 {
 }
 
 /// One bin of a reliability diagram.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Bin {
     /// Fields whose prediction falls into it.
     pub n: usize,

@@ -1,10 +1,12 @@
 //! `vocaloco-train`: the learning verbs, apart from `vocaloco` so that nobody who only runs skills
-//! compiles them. `vocaloco train …`, `train-policy …` and `bench policy …` run this binary.
+//! compiles them. `vocaloco train …`, `train-policy …`, `bench train …` and `bench policy …` run this binary.
 
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-use vocaloco_train::{policy_learning::speed, predictor::training, train_policy};
+use vocaloco_train::policy_learning::speed;
+use vocaloco_train::predictor::{bench, novelty, training};
+use vocaloco_train::train_policy;
 
 #[derive(Parser)]
 #[command(name = "vocaloco-train", version, about = "Learning for VOCALoco")]
@@ -19,6 +21,10 @@ enum Verb {
     Train(training::Args),
     /// Train a skill's policy in the simulator: imitation and PPO, or CMA-ES
     TrainPolicy(train_policy::Args),
+    /// Count what the check of terrain never seen flags
+    Novelty(novelty::Args),
+    /// Measure samples a second in fitting a predictor
+    BenchTrain(bench::Args),
     /// Measure policy steps a second in training
     BenchPolicy(speed::Args),
 }
@@ -27,6 +33,8 @@ fn main() -> ExitCode {
     let ended = match Cli::parse().verb {
         Verb::Train(args) => training::run(&args),
         Verb::TrainPolicy(args) => train_policy::run(&args),
+        Verb::Novelty(args) => novelty::run(&args),
+        Verb::BenchTrain(args) => bench::run(&args),
         Verb::BenchPolicy(args) => speed::run(&args),
     };
     ended.unwrap_or_else(|error| {

@@ -15,6 +15,7 @@ use vocaloco_core::{heightfield::HeightfieldError, robot::RobotModel};
 
 pub use config::CollectConfig;
 pub use mixture::Mixture;
+pub use row::field_noise;
 pub(crate) use row::noisy_field;
 pub use run_log::RunLog;
 

@@ -120,10 +120,15 @@ pub(crate) fn noisy_field(
     noise_m: f32,
     row_seed: u64,
 ) -> Result<Field, HeightfieldError> {
+    heightfield.prepare(Some(&field_noise(noise_m, row_seed)))
+}
+
+/// A row's own noise on its field, ± `noise_m` in every cell.
+pub fn field_noise(noise_m: f32, row_seed: u64) -> Noise {
     let mut rng = stream(row_seed, "field_noise", &[]);
     let mut noise: Noise = [[0.0; COLUMNS]; ROWS];
     for cell in noise.as_flattened_mut() {
         *cell = uniform(&mut rng, -noise_m, noise_m);
     }
-    heightfield.prepare(Some(&noise))
+    noise
 }

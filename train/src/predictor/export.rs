@@ -3,6 +3,7 @@
 //! `heightfield` f32 `[N, 1, 31, 11]`, metres, centred → `viability` or `cot` f32 `[N, 1]`.
 
 use tract_onnx::pb;
+use vocaloco_core::predictor::known_terrain::{self, KnownTerrain};
 
 use super::network::{FLAT, TENSORS};
 use super::sgd::Head;
@@ -21,25 +22,26 @@ pub struct Origin {
     pub seed: u64,
 }
 
-/// The file's bytes.
-pub fn onnx(parameters: &[f32], head: Head, origin: &Origin) -> Vec<u8> {
+/// The file's bytes; `known` is the terrain that the predictor knows, where it shall say so.
+pub fn onnx(parameters: &[f32], head: Head, origin: &Origin, known: Option<&KnownTerrain>) -> Vec<u8> {
     let output = output_name(head);
     let initializers =
         TENSORS.iter().map(|tensor| initializer(tensor.name, tensor.shape, tensor.of(parameters)));
-    let metadata = [
+    let mut metadata = vec![
         ("data_sha256", origin.data_sha256.clone()),
         ("kind", output.to_owned()),
         ("robot", origin.robot.clone()),
         ("seed", origin.seed.to_string()),
         ("skill", origin.skill.clone()),
     ];
+    metadata.extend(known.map(|known| (known_terrain::KEY, known.to_text())));
     Graph {
         name: "predictor",
         nodes: nodes(head),
         initializers: initializers.collect(),
         input: value("heightfield", Rows::Any, &[1, 31, 11]),
         output: value(output, Rows::Any, &[1]),
-        metadata: metadata.map(|(key, value)| (key.to_owned(), value)).to_vec(),
+        metadata: metadata.into_iter().map(|(key, value)| (key.to_owned(), value)).collect(),
     }
     .encode()
 }
@@ -110,7 +112,7 @@ mod tests {
     fn the_file_answers_as_the_kernel_does() {
         let parameters = start_values(&mut stream(3, "test/export", &[]));
         for (head, quantity) in [(Head::Sigmoid, Quantity::Viability), (Head::Linear, Quantity::Cot)] {
-            let bytes = onnx(&parameters, head, &origin());
+            let bytes = onnx(&parameters, head, &origin(), None);
             let mut predictor = Predictor::from_bytes(&bytes, "test.onnx".as_ref(), quantity).unwrap();
             let mut found = Vec::new();
             for k in 0..5 {
@@ -132,8 +134,8 @@ mod tests {
     #[test]
     fn the_same_network_gives_the_same_bytes_and_another_origin_other_ones() {
         let parameters = start_values(&mut stream(4, "test/export", &[]));
-        let bytes = onnx(&parameters, Head::Linear, &origin());
-        assert_eq!(bytes, onnx(&parameters, Head::Linear, &origin()));
-        assert_ne!(bytes, onnx(&parameters, Head::Linear, &Origin { seed: 2, ..origin() }));
+        let bytes = onnx(&parameters, Head::Linear, &origin(), None);
+        assert_eq!(bytes, onnx(&parameters, Head::Linear, &origin(), None));
+        assert_ne!(bytes, onnx(&parameters, Head::Linear, &Origin { seed: 2, ..origin() }, None));
     }
 }

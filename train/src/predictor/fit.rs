@@ -11,7 +11,7 @@ use vocaloco_sim::stream::stream;
 
 use super::kernel::FieldCells;
 use super::network::{TENSORS, start_values};
-use super::samples::{Sample, is_held_out, label_scale};
+use super::samples::{Part, Sample, label_scale, part};
 use super::sgd::{Example, Head, Rate, Sgd, answers};
 
 /// How to fit.
@@ -67,20 +67,26 @@ pub struct Fitted {
     pub history: Vec<Epoch>,
     /// The epoch whose network was kept.
     pub best: Epoch,
-    /// The held-out rows' answers and labels.
-    pub held_out: Vec<(f32, f32)>,
+    /// Number of rows whose loss chose the epoch.
+    pub held_out_rows: usize,
+    /// Answers and labels of the rows that had no part in the fit.
+    pub kept_back: Vec<(f32, f32)>,
 }
 
 /// Why nothing was fitted.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// Too little data on one side of the split.
-    #[error("{trained_on} samples to train on and {held_out} held out; wanted at least one of each")]
+    #[error(
+        "{trained_on} samples to train on, {held_out} held out, {kept_back} kept back; wanted one of each"
+    )]
     TooFew {
         /// Samples to train on.
         trained_on: usize,
-        /// Samples held out.
+        /// Samples that choose the epoch.
         held_out: usize,
+        /// Samples that have no part in the fit.
+        kept_back: usize,
     },
     /// A label or a height that is no number.
     #[error("row {row}: {what} is {value}; wanted a finite number")]
@@ -112,15 +118,15 @@ pub fn fit(
     options: &Options,
     progress: &mut dyn FnMut(&Epoch),
 ) -> Result<Fitted, FitError> {
-    let (held_out, trained_on): (Vec<&Sample>, Vec<&Sample>) =
-        samples.iter().partition(|sample| is_held_out(sample.row));
-    check(samples, &trained_on, &held_out)?;
+    let [trained_on, held_out, kept_back] = [Part::TrainedOn, Part::HeldOut, Part::KeptBack]
+        .map(|wanted| samples.iter().filter(|sample| part(sample.row) == wanted).collect::<Vec<_>>());
+    check(samples, &trained_on, &held_out, &kept_back)?;
     let (mean, deviation) = match head {
         Head::Sigmoid => (0.0, 1.0),
         Head::Linear => label_scale(&trained_on),
     };
-    let fields: Vec<&FieldCells> = held_out.iter().map(|sample| &sample.field).collect();
-    let answers_to_held_out = |parameters: &[f32]| -> Vec<f32> {
+    let answers_to = |parameters: &[f32], samples: &[&Sample]| -> Vec<f32> {
+        let fields: Vec<&FieldCells> = samples.iter().map(|sample| &sample.field).collect();
         answers(parameters, head, &fields).iter().map(|y| mean + deviation * y).collect()
     };
 
@@ -131,7 +137,7 @@ pub fn fit(
     for epoch in 1..=options.epochs {
         let squared_error =
             run_epoch(&mut sgd, &mut parameters, head, &trained_on, (mean, deviation), options, epoch);
-        let validation = mean_squared_error(&answers_to_held_out(&parameters), &held_out);
+        let validation = mean_squared_error(&answers_to(&parameters, &held_out), &held_out);
         if !validation.is_finite() {
             return Err(FitError::Diverged { epoch, loss: validation });
         }
@@ -144,18 +150,24 @@ pub fn fit(
         }
     }
     let (best, mut parameters) = best.unwrap_or_else(|| {
-        let validation = mean_squared_error(&answers_to_held_out(&parameters), &held_out);
+        let validation = mean_squared_error(&answers_to(&parameters, &held_out), &held_out);
         (Epoch { epoch: 0, training: f64::NAN, validation }, parameters)
     });
-    let answered = answers_to_held_out(&parameters);
+    let answered = answers_to(&parameters, &kept_back);
     unscale(&mut parameters, mean, deviation);
-    let held_out = answered.iter().zip(&held_out).map(|(answer, sample)| (*answer, sample.label)).collect();
-    Ok(Fitted { parameters, history, best, held_out })
+    let kept_back = answered.iter().zip(&kept_back).map(|(answer, sample)| (*answer, sample.label)).collect();
+    Ok(Fitted { parameters, history, best, held_out_rows: held_out.len(), kept_back })
 }
 
-fn check(samples: &[Sample], trained_on: &[&Sample], held_out: &[&Sample]) -> Result<(), FitError> {
-    if trained_on.is_empty() || held_out.is_empty() {
-        return Err(FitError::TooFew { trained_on: trained_on.len(), held_out: held_out.len() });
+fn check(
+    samples: &[Sample],
+    trained_on: &[&Sample],
+    held_out: &[&Sample],
+    kept_back: &[&Sample],
+) -> Result<(), FitError> {
+    let [trained_on, held_out, kept_back] = [trained_on, held_out, kept_back].map(<[_]>::len);
+    if trained_on == 0 || held_out == 0 || kept_back == 0 {
+        return Err(FitError::TooFew { trained_on, held_out, kept_back });
     }
     for sample in samples {
         let height = sample.field.iter().find(|height| !height.is_finite());
@@ -251,7 +263,7 @@ mod tests {
         let options = Options { epochs: 12, learning_rate: 0.02, ..QUICK };
         for (head, label) in [(Head::Linear, 0.37), (Head::Sigmoid, 0.75)] {
             let fitted = fit(&steps(300, |_| label), head, &options, &mut |_| ()).unwrap();
-            for (answer, _) in &fitted.held_out {
+            for (answer, _) in &fitted.kept_back {
                 assert!((answer - label).abs() < 0.05, "{head:?}: {answer} instead of {label}");
             }
         }
@@ -259,16 +271,17 @@ mod tests {
 
     #[test]
     fn a_cost_that_grows_with_the_step_is_learned_in_its_own_unit() {
-        let options = Options { epochs: 20, learning_rate: 0.02, ..QUICK };
-        let fitted = fit(&steps(600, |h| 0.3 + 0.5 * h.abs()), Head::Linear, &options, &mut |_| ()).unwrap();
-        let mean = fitted.held_out.iter().map(|(_, label)| label).sum::<f32>() / fitted.held_out.len() as f32;
-        let spread: f32 = fitted.held_out.iter().map(|(_, label)| (label - mean).powi(2)).sum();
-        let error: f32 = fitted.held_out.iter().map(|(answer, label)| (answer - label).powi(2)).sum();
+        let options = Options { epochs: 60, ..QUICK };
+        let fitted = fit(&steps(1200, |h| 0.3 + 0.5 * h.abs()), Head::Linear, &options, &mut |_| ()).unwrap();
+        let mean =
+            fitted.kept_back.iter().map(|(_, label)| label).sum::<f32>() / fitted.kept_back.len() as f32;
+        let spread: f32 = fitted.kept_back.iter().map(|(_, label)| (label - mean).powi(2)).sum();
+        let error: f32 = fitted.kept_back.iter().map(|(answer, label)| (answer - label).powi(2)).sum();
         assert!(error < 0.2 * spread, "{error} of {spread} left");
         // The exported network answers as the fit did: the label's scale is folded in.
-        let held_out = steps(600, |_| 0.0).into_iter().find(|s| is_held_out(s.row)).unwrap();
-        let answer = answers(&fitted.parameters, Head::Linear, &[&held_out.field])[0];
-        assert!((answer - fitted.held_out[0].0).abs() < 1e-5);
+        let first = steps(1200, |_| 0.0).into_iter().find(|s| part(s.row) == Part::KeptBack).unwrap();
+        let answer = answers(&fitted.parameters, Head::Linear, &[&first.field])[0];
+        assert!((answer - fitted.kept_back[0].0).abs() < 1e-5);
     }
 
     #[test]
@@ -290,8 +303,10 @@ mod tests {
         let fitted = fit(&samples, Head::Sigmoid, &Options { epochs: 6, ..QUICK }, &mut |_| ()).unwrap();
         let lowest = fitted.history.iter().map(|e| e.validation).fold(f64::INFINITY, f64::min);
         assert!((fitted.best.validation - lowest).abs() < 1e-12);
-        let kept = fitted.held_out.iter().map(|(a, l)| f64::from(a - l).powi(2)).sum::<f64>();
-        assert!((kept / fitted.held_out.len() as f64 - lowest).abs() < 1e-9);
+        let held_out: Vec<&Sample> = samples.iter().filter(|s| part(s.row) == Part::HeldOut).collect();
+        let fields: Vec<&FieldCells> = held_out.iter().map(|sample| &sample.field).collect();
+        let kept = mean_squared_error(&answers(&fitted.parameters, Head::Sigmoid, &fields), &held_out);
+        assert!((kept - lowest).abs() < 1e-9);
     }
 
     #[test]

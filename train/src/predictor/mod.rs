@@ -4,11 +4,15 @@
 //! ([`kernel`]) instead of a learning library, and the same seed gives the same bytes whatever the
 //! number of threads.
 
+pub mod bench;
 pub mod data;
 pub mod export;
 pub mod fit;
 pub mod kernel;
+pub mod known;
 pub mod network;
+pub mod novelty;
 pub mod samples;
 pub mod sgd;
+pub mod threshold;
 pub mod training;

@@ -16,10 +16,25 @@ pub struct Sample {
     pub label: f32,
 }
 
-/// Whether a row is held out: about one in ten, by its number alone, so that neither the seed of a
-/// training nor more data moves a row from one side to the other.
-pub fn is_held_out(row: u64) -> bool {
-    stream(0, "train/held-out", &[row]).random::<f32>() < 0.1
+/// What a row is for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Its gradient is followed.
+    TrainedOn,
+    /// Its loss chooses the epoch.
+    HeldOut,
+    /// It has no part in the fit: scores and thresholds come from it.
+    KeptBack,
+}
+
+/// The part of a row: about one in ten held out and one in ten kept back, by its number alone, so that
+/// neither the seed of a training nor more data moves a row from one part to another.
+pub fn part(row: u64) -> Part {
+    match stream(0, "train/held-out", &[row]).random::<f32>() {
+        drawn if drawn < 0.1 => Part::HeldOut,
+        drawn if drawn < 0.2 => Part::KeptBack,
+        _ => Part::TrainedOn,
+    }
 }
 
 /// Mean and standard deviation of the labels; a deviation of zero is told as 1.
@@ -36,11 +51,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_row_in_ten_is_held_out_and_always_the_same() {
-        let held_out = (0..5000).filter(|row| is_held_out(*row)).count();
-        assert!((420..580).contains(&held_out), "{held_out} of 5000");
-        let again: Vec<u64> = (0..5000).filter(|row| is_held_out(*row)).collect();
-        assert_eq!(again.len(), held_out);
-        assert!(again.iter().all(|row| is_held_out(*row)));
+    fn one_row_in_ten_is_held_out_another_kept_back_and_always_the_same() {
+        for wanted in [Part::HeldOut, Part::KeptBack] {
+            let rows: Vec<u64> = (0..5000).filter(|row| part(*row) == wanted).collect();
+            assert!((420..580).contains(&rows.len()), "{wanted:?}: {} of 5000", rows.len());
+            assert!(rows.iter().all(|row| part(*row) == wanted));
+        }
     }
 }

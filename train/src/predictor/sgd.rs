@@ -104,6 +104,14 @@ impl Sgd {
         self.chunks.iter().map(|chunk| chunk.squared_error).sum()
     }
 
+    /// The gradient `g` of [`step`](Self::step), which it would follow.
+    pub fn gradient(&mut self, parameters: &[f32], head: Head, batch: &[Example<'_>]) -> Vec<f32> {
+        self.sum_gradient(parameters, head, batch);
+        let [a, b, c, d]: [&[f32]; CHUNKS] =
+            std::array::from_fn(|chunk| self.chunks[chunk].gradient.as_slice());
+        (0..PARAMETERS).map(|at| (a[at] + b[at]) + (c[at] + d[at])).collect()
+    }
+
     fn sum_gradient(&mut self, parameters: &[f32], head: Head, batch: &[Example<'_>]) {
         let groups: Vec<_> = batch.chunks(LANES).collect();
         let scale = 2.0 / batch.len() as f32;

@@ -1,13 +1,15 @@
 //! `train`: a skill's data sets → viability.onnx, cot.onnx and their sections of CARD.md.
 
+mod manifest;
 mod section;
 #[cfg(test)]
 mod tests;
 
+use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
@@ -18,7 +20,9 @@ use vocaloco_sim::scores;
 use super::data::DataSet;
 use super::export::{Origin, onnx, output_name};
 use super::fit::{Fitted, Options, fit};
+use super::known::{self, Flags};
 use super::sgd::Head;
+use super::threshold::{Promise, Risk, promise};
 use crate::card;
 use crate::files::write_whole;
 
@@ -55,6 +59,15 @@ pub struct Args {
     /// Never exchange left and right.
     #[arg(long)]
     no_mirror: bool,
+    /// Shares of unsafe terrain that thresholds are computed for, each to be kept with 95 % confidence.
+    #[arg(long, value_delimiter = ',', default_value = "0.01,0.05", value_parser = share, value_name = "LIST")]
+    alpha: Vec<f64>,
+    /// Terrain is unsafe, for those thresholds, where a smaller share of the rollouts succeeds.
+    #[arg(long, default_value_t = 0.5, value_parser = share, value_name = "SHARE")]
+    required_viability: f64,
+    /// Write the threshold of this α into the skill's manifest.
+    #[arg(long, value_parser = share, value_name = "ALPHA")]
+    write_threshold: Option<f64>,
     /// Seed of start values, order and mirroring.
     #[arg(long, default_value_t = Options::default().seed)]
     seed: u64,
@@ -90,6 +103,13 @@ fn at_least_one(text: &str) -> Result<usize, String> {
     }
 }
 
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(share) if (1e-6..1.0).contains(&share) => Ok(share),
+        _ => Err(format!("found {text}, wanted a share above 0 and below 1")),
+    }
+}
+
 /// What one model scores, as `--json` tells it.
 #[derive(Debug, Serialize)]
 struct Report {
@@ -100,14 +120,20 @@ struct Report {
     n: usize,
     left_out: usize,
     held_out: usize,
+    kept_back: usize,
     best_epoch: usize,
     training_mse: f64,
     held_out_mse: f64,
+    kept_back_mse: f64,
     brier: Option<f64>,
     ece: Option<f64>,
     auc: Option<f64>,
     mae: Option<f64>,
     r2: Option<f64>,
+    /// Of viability: one an α.
+    promises: Vec<Promise>,
+    /// Of viability: how many of the rows kept back are flagged as terrain never seen.
+    flags: Option<Flags>,
 }
 
 /// Runs the verb.
@@ -119,6 +145,10 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         Some(folder) => folder.clone(),
         None => Installation::find()?.skill_folder(&args.skill),
     };
+    ensure!(
+        args.write_threshold.is_none() || args.kind != Kind::Cot,
+        "--write-threshold: found --kind cot, wanted viability, which a threshold is for"
+    );
     let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads.unwrap_or(0)).build()?;
     let sets =
         args.kind.heads().iter().map(|head| Ok((*head, DataSet::read(&args.data, &args.skill, *head)?)));
@@ -129,6 +159,11 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         let fitted = fit_with_progress(&pool, set, *head, &args.options())
             .with_context(|| set.folder.display().to_string())?;
         reports.push(write(args, &folder, set, *head, &fitted)?);
+    }
+    if let Some(alpha) = args.write_threshold {
+        let promise = reports.iter().flat_map(|report| &report.promises).find(|p| p.risk.alpha == alpha);
+        let promise = promise.context("--write-threshold: found no viability report, wanted one")?;
+        manifest::write_threshold(&Installation::find()?.skill_file(&args.skill), promise)?;
     }
     print(args, &reports)?;
     Ok(ExitCode::SUCCESS)
@@ -147,6 +182,17 @@ impl Args {
         }
     }
 
+    /// The thresholds of every α asked for; a cost of transport has none.
+    fn promises(&self, head: Head, pairs: &[(f32, f32)]) -> Vec<Promise> {
+        if head == Head::Linear {
+            return Vec::new();
+        }
+        let required_viability = self.required_viability as f32;
+        let written = self.write_threshold.filter(|alpha| !self.alpha.contains(alpha));
+        let all = self.alpha.iter().copied().chain(written);
+        all.map(|alpha| promise(pairs, Risk { required_viability, alpha })).collect()
+    }
+
     /// The command that repeats a model, threads left out since they change nothing.
     fn command(&self, kind: &str) -> String {
         let mut command = format!(
@@ -161,6 +207,15 @@ impl Args {
         );
         if self.no_mirror {
             command.push_str(" --no-mirror");
+        }
+        if kind == output_name(Head::Sigmoid) {
+            let alpha: Vec<String> = self.alpha.iter().map(ToString::to_string).collect();
+            let _ = write!(
+                command,
+                " --alpha {} --required-viability {}",
+                alpha.join(","),
+                self.required_viability
+            );
         }
         format!("{command} --seed {}", self.seed)
     }
@@ -192,25 +247,30 @@ fn write(args: &Args, folder: &Path, set: &DataSet, head: Head, fitted: &Fitted)
         data_sha256: set.sha256.clone(),
         seed: args.seed,
     };
-    let bytes = onnx(&fitted.parameters, head, &origin);
+    let known = if head == Head::Sigmoid { known::fit(&set.samples) } else { None };
+    let bytes = onnx(&fitted.parameters, head, &origin, known.as_ref().map(|fitted| &fitted.known));
     let file = folder.join(format!("{kind}.onnx"));
     let viability = head == Head::Sigmoid;
-    let pairs = fitted.held_out.as_slice();
+    let pairs = fitted.kept_back.as_slice();
     let report = Report {
         kind,
         sha256: sha256_hex(&bytes),
         data_sha256: set.sha256.clone(),
         n: set.samples.len(),
         left_out: set.left_out,
-        held_out: pairs.len(),
+        held_out: fitted.held_out_rows,
+        kept_back: pairs.len(),
         best_epoch: fitted.best.epoch,
         training_mse: fitted.best.training,
         held_out_mse: fitted.best.validation,
+        kept_back_mse: scores::mse(pairs),
         brier: viability.then(|| scores::brier(pairs)),
         ece: viability.then(|| scores::ece(pairs)),
         auc: if viability { scores::auc(pairs) } else { None },
         mae: (!viability).then(|| scores::mae(pairs)),
         r2: if viability { None } else { scores::r2(pairs) },
+        promises: args.promises(head, pairs),
+        flags: known.map(|fitted| fitted.flags),
         file,
     };
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
@@ -239,19 +299,35 @@ fn print(args: &Args, reports: &[Report]) -> anyhow::Result<()> {
     };
     for report in reports {
         println!(
-            "{}: {} rows ({} held out), best epoch {}, loss {:.5}, held out {:.5}{}{}{}{}{}",
+            "{}: {} rows ({} held out, {} kept back), best epoch {}, loss {:.5}, held out {:.5}, kept back \
+             {:.5}{}{}{}{}{}",
             report.file.display(),
             report.n,
             report.held_out,
+            report.kept_back,
             report.best_epoch,
             report.training_mse,
             report.held_out_mse,
+            report.kept_back_mse,
             number("Brier", report.brier),
             number("ECE", report.ece),
             number("AUC", report.auc),
             number("MAE", report.mae),
             number("R²", report.r2),
         );
+        if let Some(Flags { n, flagged }) = report.flags {
+            println!("terrain never seen: {flagged} of {n} rows kept back are flagged");
+        }
+        for Promise { risk, threshold, unsafe_rows, safe_refused, .. } in &report.promises {
+            let threshold = threshold.map_or("none".to_owned(), |threshold| format!("{threshold:.3}"));
+            println!(
+                "threshold {threshold}: at most {} of terrain viable in fewer than {} of rollouts is let \
+                 through, with 95 % confidence, from {unsafe_rows} such rows; {:.1} % of other terrain refused",
+                risk.alpha,
+                risk.required_viability,
+                100.0 * safe_refused.unwrap_or(f64::NAN)
+            );
+        }
     }
     Ok(())
 }

@@ -61,15 +61,15 @@ fn correlate<const PH: usize, const PW: usize>(taps: &[f32; 9], x: &Plane<PH, PW
         for column in 0..PW - 2 {
             for lane in 0..LANES {
                 let mut sum = y[column + 1].0[lane];
-                sum += a * above[column].0[lane];
-                sum += b * above[column + 1].0[lane];
-                sum += c * above[column + 2].0[lane];
-                sum += d * here[column].0[lane];
-                sum += e * here[column + 1].0[lane];
-                sum += f * here[column + 2].0[lane];
-                sum += g * below[column].0[lane];
-                sum += h * below[column + 1].0[lane];
-                sum += i * below[column + 2].0[lane];
+                sum = a.mul_add(above[column].0[lane], sum);
+                sum = b.mul_add(above[column + 1].0[lane], sum);
+                sum = c.mul_add(above[column + 2].0[lane], sum);
+                sum = d.mul_add(here[column].0[lane], sum);
+                sum = e.mul_add(here[column + 1].0[lane], sum);
+                sum = f.mul_add(here[column + 2].0[lane], sum);
+                sum = g.mul_add(below[column].0[lane], sum);
+                sum = h.mul_add(below[column + 1].0[lane], sum);
+                sum = i.mul_add(below[column + 2].0[lane], sum);
                 y[column + 1].0[lane] = sum;
             }
         }

@@ -22,15 +22,15 @@ impl Lanes {
 
     /// `self += Σ_k weight[k] · x[k]`, one after the other.
     ///
-    /// Multiplied and added separately, since a fused operation would round differently on
-    /// processors that have it. The lanes are the innermost *loop*, with the whole sum as its body:
-    /// in this form the compiler makes one vector of them.
+    /// Each product is fused with its sum, also where the processor cannot, so that all round alike.
+    /// The lanes are the innermost *loop*, with the whole sum as its body: in this form the compiler
+    /// makes one vector of them.
     #[inline(always)]
     pub(crate) fn add_scaled<const N: usize>(&mut self, weight: &[f32; N], x: &[Lanes; N]) {
         for lane in 0..LANES {
             let mut sum = self.0[lane];
             for k in 0..N {
-                sum += weight[k] * x[k].0[lane];
+                sum = weight[k].mul_add(x[k].0[lane], sum);
             }
             self.0[lane] = sum;
         }
@@ -42,7 +42,7 @@ impl Lanes {
         for lane in 0..LANES {
             let mut sum = self.0[lane];
             for k in 0..N {
-                sum += x[k].0[lane] * y[k].0[lane];
+                sum = x[k].0[lane].mul_add(y[k].0[lane], sum);
             }
             self.0[lane] = sum;
         }

@@ -1,7 +1,8 @@
 //! The training kernel: forward and backward pass of the one network, eight samples at a time.
 //!
 //! Fixed in shape by the method, so every loop has constant bounds. Results are the same bits on any
-//! processor: nothing is fused, and the widest instructions found only do the same sums sooner.
+//! processor: every product is fused with its sum, which a processor without that operation does in
+//! software, and the widest instructions found only do the same sums sooner.
 
 #![allow(
     clippy::inline_always,
@@ -100,8 +101,8 @@ impl Workspace {
     /// The network's output, before the sigmoid that viability has, for the loaded samples.
     pub fn forward(&mut self, parameters: &[f32]) -> [f32; LANES] {
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            #[expect(unsafe_code, reason = "compiled for AVX2, whose presence was just asked for")]
+        if has_wide_instructions() {
+            #[expect(unsafe_code, reason = "compiled for AVX2 and FMA, which were just asked for")]
             unsafe {
                 forward_avx2(self, parameters);
             }
@@ -116,8 +117,8 @@ impl Workspace {
     /// `d_output` is ∂loss/∂output of each sample, before the sigmoid; 0 in an unused lane.
     pub fn backward(&mut self, parameters: &[f32], d_output: [f32; LANES], gradient: &mut [f32]) {
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            #[expect(unsafe_code, reason = "compiled for AVX2, whose presence was just asked for")]
+        if has_wide_instructions() {
+            #[expect(unsafe_code, reason = "compiled for AVX2 and FMA, which were just asked for")]
             unsafe {
                 backward_avx2(self, parameters, d_output, gradient);
             }
@@ -128,13 +129,18 @@ impl Workspace {
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
+fn has_wide_instructions() -> bool {
+    std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma")
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2,fma")]
 fn forward_avx2(w: &mut Workspace, parameters: &[f32]) {
     forward(w, parameters);
 }
 
 #[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
+#[target_feature(enable = "avx2,fma")]
 fn backward_avx2(w: &mut Workspace, parameters: &[f32], d_output: [f32; LANES], gradient: &mut [f32]) {
     backward(w, parameters, d_output, gradient);
 }

@@ -1,10 +1,12 @@
 //! What CARD.md says of one model: where it came from, what it scores, what it is not good for.
 
-use vocaloco_sim::scores;
+use std::fmt::Write;
 
 use super::super::data::DataSet;
 use super::super::fit::Fitted;
+use super::super::known::Flags;
 use super::super::sgd::Head;
+use super::super::threshold::Promise;
 use super::{Args, Report};
 use crate::card;
 
@@ -18,20 +20,36 @@ pub(super) fn section(args: &Args, set: &DataSet, head: Head, fitted: &Fitted, r
         ("collected by", set.collected_by.clone()),
         ("left out", set.left_out_because(head)),
         ("terrain, sizes in m (slopes: rise per metre)", set.terrain_ranges()),
-        ("held out", format!("{} rows, chosen by row number, never trained on", report.held_out)),
+        (
+            "held out",
+            format!("{} rows, by row number, never trained on; their loss chose the epoch", report.held_out),
+        ),
+        (
+            "kept back",
+            format!(
+                "{} rows, by row number, without any part in the fit: the scores are theirs",
+                report.kept_back
+            ),
+        ),
         ("best epoch", format!("{} of {}", report.best_epoch, args.epochs)),
         ("training loss (MSE)", format!("{:.5}", fitted.best.training)),
         ("held-out loss (MSE)", format!("{:.5}", fitted.best.validation)),
+        ("kept-back loss (MSE)", format!("{:.5}", report.kept_back_mse)),
     ];
+    let mut thresholds = String::new();
     let (histogram, limits) = match head {
         Head::Sigmoid => {
             rows.push(("Brier score, single rollouts", number(report.brier)));
             rows.push((
                 "of which label noise",
-                number(Some(scores::brier(&fitted.held_out) - fitted.best.validation)),
+                number(report.brier.map(|brier| brier - report.kept_back_mse)),
             ));
             rows.push(("expected calibration error, 15 bins", number(report.ece)));
             rows.push(("AUC", number(report.auc)));
+            if let Some(Flags { n, flagged }) = report.flags {
+                rows.push(("kept-back rows flagged as terrain never seen", format!("{flagged} of {n}")));
+            }
+            thresholds = promises(&report.promises);
             (card::viability_histogram(set.labels()), VIABILITY_LIMITS)
         }
         Head::Linear => {
@@ -43,17 +61,42 @@ pub(super) fn section(args: &Args, set: &DataSet, head: Head, fitted: &Fitted, r
             (card::cost_histogram(&labels), COT_LIMITS)
         }
     };
-    format!("{}\nLabels:\n\n{histogram}\nKnown limits:\n{EPOCH_LIMIT}{limits}", card::facts(&rows))
+    format!("{}\n{thresholds}Labels:\n\n{histogram}\nKnown limits:\n{limits}", card::facts(&rows))
 }
 
-const EPOCH_LIMIT: &str = "\
-- The epoch was chosen on the held-out rows, by their loss, so the scores above flatter.
-";
+/// The thresholds that promise something, and what exactly they promise.
+fn promises(promises: &[Promise]) -> String {
+    let Some(first) = promises.first() else { return String::new() };
+    let mut text = format!(
+        "Thresholds with a promise: of terrain on which fewer than {:.0} % of the rollouts succeed, drawn as \
+         this data set's rows, at most the share α is predicted at or above the threshold, with 95 % \
+         confidence for each α (fixed-sequence testing, exact binomial bound; computed from the rows kept \
+         back):\n\n\
+         | α | threshold | unsafe rows | let through | upper bound | other terrain refused |\n\
+         |---|---|---|---|---|---|\n",
+        100.0 * first.risk.required_viability
+    );
+    let share = |share: Option<f64>| share.map_or("–".to_owned(), |share| format!("{share:.4}"));
+    for one in promises {
+        let threshold = one.threshold.map_or("none: too few unsafe rows".to_owned(), |t| format!("{t:.3}"));
+        let _ = writeln!(
+            text,
+            "| {} | {threshold} | {} | {} | {} | {} |",
+            one.risk.alpha,
+            one.unsafe_rows,
+            one.let_through,
+            share(one.upper_bound),
+            share(one.safe_refused)
+        );
+    }
+    text.push('\n');
+    text
+}
 
 const VIABILITY_LIMITS: &str = "\
-- Scores are of rows held out of the same data set; `evaluate calibration` measures on fresh terrain.
-- It knows the terrain kinds and sizes above and nothing else; no check yet tells it that a field is
-  unlike all of them.
+- Scores are of rows kept out of the same data set; `evaluate calibration` measures on fresh terrain.
+- It knows the terrain kinds and sizes above and nothing else. The check in the file flags a field unlike
+  all of them, but not every one: `evaluate novelty` says what it finds.
 - It expects the field's ±10 cm noise, which hides steps of a few centimetres.
 - The label is of one command, 0.6 m/s straight ahead, over 1.5 m in 4 s.
 ";

@@ -119,17 +119,19 @@ fn a_data_set_becomes_two_models_that_load_and_a_card_that_says_whence() {
 }
 
 #[test]
-fn a_card_says_which_source_collected_its_rows_and_that_they_chose_the_epoch() {
+fn a_card_says_which_source_collected_its_rows_and_which_rows_its_scores_are_of() {
     let (data, out) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     data_set(data.path(), Kind::Viability, "walk");
     data_set(data.path(), Kind::Cot, "walk");
     train(data.path(), out.path(), &["--threads", "1"]).unwrap();
     let card = String::from_utf8(read(out.path(), "CARD.md")).unwrap();
     for fact in
-        ["plugin gait 0.1.0, its source sha256 `5ca1ab1e`", "\n- The epoch was chosen on the held-out"]
+        ["plugin gait 0.1.0, its source sha256 `5ca1ab1e`", "their loss chose the epoch", "| kept back |"]
     {
         assert_eq!(card.matches(fact).count(), 2, "{fact:?}, once for each model, in\n{card}");
     }
+    // Far too few rows for a promise, and it says so.
+    assert!(card.contains("| 0.01 | none: too few unsafe rows |"), "{card}");
 }
 
 #[test]
