@@ -42,6 +42,7 @@ fn decisions() -> Vec<Decision> {
         name: name.to_owned(),
         viability,
         cot,
+        strangeness: None,
         viable,
         reason,
     };

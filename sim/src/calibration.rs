@@ -18,6 +18,9 @@ use crate::terrain::TerrainKind;
 /// Share of viable rollouts from which a size's cost of transport counts in the summary.
 pub const COT_VIABILITY: f64 = 0.9;
 
+/// Bins of the reliability diagram.
+const RELIABILITY_BINS: usize = 10;
+
 /// One size of one terrain.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
@@ -60,6 +63,8 @@ pub struct Summary {
     pub mae: Option<f64>,
     /// Of cost of transport: share of the variance explained.
     pub r2: Option<f64>,
+    /// Of viability: predicted against collected, by bins of the predicted.
+    pub reliability: Vec<scores::Bin>,
 }
 
 /// What was predicted and what was collected, rollout by rollout.
@@ -146,12 +151,14 @@ impl Calibration {
             auc: None,
             mae: None,
             r2: None,
+            reliability: Vec::new(),
         };
         [
             Summary {
                 brier: defined(&viability, scores::brier),
                 ece: defined(&viability, scores::ece),
                 auc: scores::auc(&viability),
+                reliability: scores::reliability(&viability, RELIABILITY_BINS),
                 ..summary(Kind::Viability, viability.len())
             },
             Summary {

@@ -3,9 +3,11 @@
 mod agreement;
 mod arena;
 mod calibration;
+mod calibration_figures;
 mod calibration_page;
 mod course;
 mod handover;
+mod novelty;
 mod paper;
 mod store;
 mod success;
@@ -32,6 +34,8 @@ enum Experiment {
     Agreement(agreement::Args),
     /// Predicted against collected viability and cost of transport, by size
     Calibration(calibration::Args),
+    /// Terrain that the predictors never saw: what the check finds of it, and of known terrain
+    Novelty(novelty::Args),
     /// Courses by step height, with several selectors side by side
     Success(success::Args),
     /// Courses driven once, every tick kept: predictions, choice and active skill over time
@@ -51,6 +55,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         Experiment::Viability(args) => viability::run(&args),
         Experiment::Agreement(args) => agreement::run(&args),
         Experiment::Calibration(args) => calibration::run(&args),
+        Experiment::Novelty(_) => novelty::run(),
         Experiment::Success(args) => success::run(&args),
         Experiment::Course(args) => course::run(&args),
         Experiment::All(args) => paper::run(&args),

@@ -13,8 +13,8 @@ use vocaloco_sim::rollout::RolledSkill;
 use vocaloco_sim::terrain::TerrainKind;
 use vocaloco_sim::threads::with_threads;
 
-use super::calibration_page;
 use super::viability::parse_terrain;
+use super::{calibration_figures, calibration_page};
 use crate::exit::Exit;
 use crate::verbs::Shared;
 use crate::verbs::rolled::{Plant, Rolled};
@@ -52,6 +52,9 @@ pub(crate) struct Args {
     /// Also write the tables into this Markdown file
     #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
+    /// Also draw collected against predicted, and the reliability diagram, as SVG files in this folder
+    #[arg(long, value_name = "FOLDER")]
+    figures: Option<PathBuf>,
     #[command(flatten)]
     shared: Shared,
 }
@@ -135,6 +138,11 @@ fn report(args: &Args, rows: &[Row], summaries: &[Summary]) -> anyhow::Result<()
     if let Some(file) = &args.markdown {
         let page = calibration_page::page(rows, summaries, &command, &conditions(args));
         std::fs::write(file, page).with_context(|| file.display().to_string())?;
+    }
+    if let Some(folder) = &args.figures {
+        for file in calibration_figures::write(folder, rows, summaries)? {
+            eprintln!("{}", file.display());
+        }
     }
     if args.shared.json {
         output::json(&json!({
