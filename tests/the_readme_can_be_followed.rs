@@ -8,13 +8,15 @@ use std::sync::LazyLock;
 
 use vocaloco_tests::repository;
 
-const DOCUMENTS: [&str; 6] = [
+const DOCUMENTS: [&str; 8] = [
     "README.md",
     "docs/reproduce.md",
     "docs/method.md",
     "docs/locks.md",
     "docs/switching.md",
     "docs/paper.md",
+    "docs/predictors.md",
+    "docs/novelty.md",
 ];
 
 /// Lines of the code blocks of one language.
