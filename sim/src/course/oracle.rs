@@ -50,12 +50,10 @@ const NEVER_REACHED: f32 = 1e3;
 impl Oracle {
     /// An oracle of the terrains given; on every other the skill is taken for not viable.
     pub fn new(ground: Arc<Ground>, worth: &[(TerrainKind, Worth)]) -> Self {
-        let mut predictions = [Prediction { viability: 0.0, cot: NEVER_REACHED }; TerrainKind::ALL.len()];
+        let mut predictions = [Prediction::of(0.0, NEVER_REACHED); TerrainKind::ALL.len()];
         for (terrain, worth) in worth {
-            predictions[*terrain as usize] = Prediction {
-                viability: worth.viability as f32,
-                cot: worth.cot.map_or(NEVER_REACHED, |cot| cot as f32),
-            };
+            let cot = worth.cot.map_or(NEVER_REACHED, |cot| cot as f32);
+            predictions[*terrain as usize] = Prediction::of(worth.viability as f32, cot);
         }
         Self { ground, predictions }
     }
@@ -84,7 +82,7 @@ mod tests {
             ground.set(terrain);
             oracle.predict(&field).0
         };
-        assert_eq!(on(TerrainKind::StairsUp), Prediction { viability: 0.75, cot: 0.5 });
+        assert_eq!(on(TerrainKind::StairsUp), Prediction::of(0.75, 0.5));
         assert!(on(TerrainKind::StairsDown).is_usable(), "no cost is still a usable number");
         assert_eq!(on(TerrainKind::Gap).viability, 0.0, "nothing was collected there");
     }
