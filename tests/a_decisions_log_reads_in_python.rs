@@ -42,7 +42,7 @@ fn decisions() -> Vec<Decision> {
         name: name.to_owned(),
         viability,
         cot,
-        strangeness: None,
+        strangeness: viability.map(|viability: f32| 1.5 - viability),
         viable,
         reason,
     };

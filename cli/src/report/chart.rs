@@ -167,9 +167,18 @@ mod tests {
     }
 
     #[test]
+    fn ticks_are_labelled_with_as_many_digits_as_they_need() {
+        let labels = |axis: Axis| axis.ticks.into_iter().map(|(_, text)| text).collect::<Vec<_>>();
+        assert_eq!(labels(Axis::share("")), ["0.00", "0.25", "0.50", "0.75", "1.00"]);
+        assert_eq!(labels(Axis::over("", 0.0, 0.6, 0.2)), ["0.0", "0.2", "0.4", "0.6"]);
+        assert_eq!(labels(Axis::over("", 0.0, 10.0, 5.0)), ["0", "5", "10"]);
+    }
+
+    #[test]
     fn a_line_breaks_where_a_value_is_missing() {
         let svg = figure(1).svg(350.0, Inks::Print);
-        let path = svg.split("<path").nth(1).unwrap();
+        // Drawn last: legend, grid and axes come before it, and its markers are squares.
+        let path = svg.split("<path").last().unwrap();
         assert_eq!(path.split("/>").next().unwrap().matches('M').count(), 2, "{path}");
     }
 

@@ -126,9 +126,10 @@ pub(crate) struct Panel {
 impl Axis {
     /// From `low` to `high` with a tick every `step`.
     pub(crate) fn over(label: &str, low: f64, high: f64, step: f64) -> Self {
-        let digits = if step >= 1.0 {
+        let is_whole = |factor: f64| (step * factor - (step * factor).round()).abs() < 1e-9;
+        let digits = if is_whole(1.0) {
             0
-        } else if step >= 0.1 {
+        } else if is_whole(10.0) {
             1
         } else {
             2

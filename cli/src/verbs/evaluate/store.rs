@@ -52,7 +52,7 @@ impl Store {
             standing();
             return Ok(result);
         }
-        let result = serde_json::to_value(measure()?)?;
+        let result = as_written(&measure()?)?;
         let entry = Entry { key_sha256: digest, key, result };
         let text = serde_json::to_string_pretty(&entry)?;
         let unfinished = path.with_extension("part");
@@ -62,6 +62,11 @@ impl Store {
         read(&path, &entry.key_sha256)
             .with_context(|| format!("{} does not hold what was written", path.display()))
     }
+}
+
+/// A value as its text reads: 0.1 in single precision stays 0.1, and is not written out in double.
+pub(super) fn as_written(value: &impl Serialize) -> serde_json::Result<Value> {
+    serde_json::from_str(&serde_json::to_string(value)?)
 }
 
 /// The result of a file whose key has this hash; none when there is no such file, or it holds another.
@@ -93,6 +98,12 @@ mod tests {
         let fresh = Store::open(folder.path(), true).unwrap();
         assert_eq!(measured(&fresh, &key, 3.0), (3.0, false));
         assert_eq!(measured(&store, &key, 9.0), (3.0, true));
+    }
+
+    #[test]
+    fn single_precision_is_written_as_it_is_read() {
+        assert_eq!(as_written(&json!([1])).unwrap(), json!([1]));
+        assert_eq!(as_written(&0.95_f32).unwrap().to_string(), "0.95");
     }
 
     #[test]

@@ -92,7 +92,7 @@ impl Evidence<'_> {
             Self::unmeasured(
                 "robot",
                 "On the real ANYmal-D the staircases are walked with nothing retuned.",
-                "There is no robot here. The nearest is a second simulator: `vocaloco evaluate transfer`.",
+                "There is no robot here. The nearest is a second simulator: vocaloco evaluate transfer.",
                 self.plan.seed,
             ),
         ]

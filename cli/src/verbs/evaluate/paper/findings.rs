@@ -12,13 +12,14 @@ use vocaloco_core::{
 };
 use vocaloco_sim::{
     collected::Collected,
-    course::{CourseConfig, SuccessRow},
+    course::{CourseConfig, CourseRun, SuccessRow},
     occlusion::Occlusion,
     terrain::{CourseKind, TerrainKind},
 };
 
 use super::super::arena::{Arena, Sampling, Variation};
 use super::super::course::drive;
+use super::super::store::as_written;
 use super::super::who::Who;
 use super::plan::Plan;
 
@@ -54,7 +55,7 @@ pub(super) struct Recorded {
     /// Active skills in the order of use.
     pub(super) skills: Vec<String>,
     pub(super) packed: Value,
-    /// Of the first change after setting off.
+    /// Of the first change after setting off or, without one, of the tick in which skills are worth least.
     pub(super) danger: Option<DangerMap>,
     pub(super) ticks: Vec<Moment>,
 }
@@ -276,14 +277,9 @@ impl Measuring<'_> {
         self.arena.recorded(config, who, || {
             let driven = drive(self.arena, config, who, self.plan.samples, &self.out.join("logs"))?;
             let run = &driven.run;
-            let change = run.switches.get(1).or(run.switches.first());
-            let decision = |t_s: f64| {
-                let at = run.ticks.iter().filter_map(|tick| tick.decision.as_ref());
-                at.min_by(|a, b| (a.t_s - t_s).abs().total_cmp(&(b.t_s - t_s).abs()))
-            };
-            let change = change.filter(|_| STAIRS.contains(&config.kind));
-            let danger = change.and_then(|change| decision(change.t_s)).map(|decision| self.danger(decision));
-            let decisions = run.ticks.iter().filter_map(|tick| tick.decision.as_ref());
+            let all = || run.ticks.iter().filter_map(|tick| tick.decision.as_ref());
+            let danger = telling(run).filter(|_| STAIRS.contains(&config.kind));
+            let danger = danger.map(|decision| self.danger(decision));
             Ok(Recorded {
                 course: config.kind,
                 size_m: config.size_m,
@@ -291,9 +287,9 @@ impl Measuring<'_> {
                 outcome: run.outcome.id().to_owned(),
                 cot: run.cot,
                 skills: run.skills().into_iter().map(str::to_owned).collect(),
-                packed: serde_json::to_value(&driven.packed)?,
+                packed: as_written(&driven.packed)?,
                 danger: danger.transpose()?.flatten(),
-                ticks: decisions.map(moment).collect(),
+                ticks: all().map(moment).collect(),
             })
         })
     }
@@ -308,6 +304,21 @@ impl Measuring<'_> {
             skills.push(DangerOf { name: name.to_owned(), level, here, credit });
         }
         Ok(Some(DangerMap { tick: decision.tick, t_s: decision.t_s, skills }))
+    }
+}
+
+/// The first change after setting off or, without one, the tick in which skills are worth least.
+fn telling(run: &CourseRun) -> Option<&Decision> {
+    let decisions = || run.ticks.iter().filter_map(|tick| tick.decision.as_ref());
+    let worth = |decision: &Decision| -> f32 {
+        decision.skills.iter().map(|skill| skill.viability.unwrap_or(1.0)).sum()
+    };
+    match run.switches.get(1) {
+        Some(change) => {
+            let away_s = |decision: &Decision| (decision.t_s - change.t_s).abs();
+            decisions().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))
+        }
+        None => decisions().min_by(|a, b| worth(a).total_cmp(&worth(b))),
     }
 }
 
@@ -358,7 +369,10 @@ impl Findings {
             .iter()
             .filter(|skill| cost(skill).is_some())
             .min_by(|a, b| cost(a).unwrap_or(f64::NAN).total_cmp(&cost(b).unwrap_or(f64::NAN)));
+        let both = |skill: &&str| sum(skill, TerrainKind::StairsUp) + sum(skill, TerrainKind::StairsDown);
+        let robust = skills.iter().rev().max_by(|a, b| both(a).total_cmp(&both(b)));
         Some(Roles {
+            robust: (*robust?).to_owned(),
             level: (*cheapest?).to_owned(),
             up: best(TerrainKind::StairsUp)?,
             down: best(TerrainKind::StairsDown)?,
@@ -375,4 +389,6 @@ pub(super) struct Roles {
     pub(super) up: String,
     /// The same down stairs.
     pub(super) down: String,
+    /// The same on both.
+    pub(super) robust: String,
 }

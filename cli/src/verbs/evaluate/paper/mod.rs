@@ -163,7 +163,7 @@ fn paper(
         caveat: if plan.quick {
             format!(
                 "The short version: {} rollouts a height and selector, {} poses a skill and height. Intervals are wide and verdicts may \
-                 turn; `vocaloco evaluate all` measures in full.",
+                 turn; without --quick it is measured in full.",
                 plan.rollouts, plan.samples
             )
         } else {

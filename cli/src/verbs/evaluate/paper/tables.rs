@@ -6,6 +6,7 @@ use anyhow::Context;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
+use super::super::store::as_written;
 use super::claims::{Claim, Evidence};
 
 /// Writes every table into `folder`.
@@ -52,15 +53,15 @@ fn with<T: Serialize>(
     rows: &[(T, vocaloco_sim::course::SuccessRow)],
 ) -> anyhow::Result<Vec<Value>> {
     let row = |(value, row): &(T, vocaloco_sim::course::SuccessRow)| {
-        let mut fields = serde_json::to_value(row)?;
-        fields[name] = serde_json::to_value(value)?;
+        let mut fields = as_written(row)?;
+        fields[name] = as_written(value)?;
         Ok(fields)
     };
     rows.iter().map(row).collect()
 }
 
 fn table(folder: &Path, name: &str, rows: &[impl Serialize]) -> anyhow::Result<()> {
-    let rows = rows.iter().map(serde_json::to_value).collect::<Result<Vec<_>, _>>()?;
+    let rows = rows.iter().map(as_written).collect::<Result<Vec<_>, _>>()?;
     let json = serde_json::to_string_pretty(&rows)? + "\n";
     for (extension, text) in [("json", json), ("csv", csv(&rows))] {
         let path = folder.join(format!("{name}.{extension}"));

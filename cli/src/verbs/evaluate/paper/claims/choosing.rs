@@ -231,11 +231,7 @@ impl Evidence<'_> {
             let of = |selector: &str| {
                 self.findings.mixed.iter().find(|row| row.size_m == *size_m && row.selector == selector)
             };
-            let alone = self.skills.iter().filter_map(|skill| of(&format!("skill:{skill}")));
-            let robust = alone.max_by(|a, b| {
-                let by_cost = || b.cot_mean.unwrap_or(9.0).total_cmp(&a.cot_mean.unwrap_or(9.0));
-                a.reached.total_cmp(&b.reached).then_with(by_cost)
-            });
+            let robust = of(&format!("skill:{}", self.roles.robust));
             let cost = |row: Option<&SuccessRow>| row.and_then(|row| row.cot_mean);
             let costs = (cost(of("vocaloco")), cost(of(&baseline)), robust);
             if let (Some(ours), theirs, Some(robust)) = costs {
@@ -245,11 +241,11 @@ impl Evidence<'_> {
                 let number =
                     |cost: Option<f64>| cost.map_or("never reached".to_owned(), |cost| format!("{cost:.3}"));
                 words.push(format!(
-                    "{}: VOCALoco {ours:.3}, {} {}, most robust alone ({}) {}, without the cost term {}",
+                    "{}: VOCALoco {ours:.3}, {} {}, {} alone (the most robust) {}, without the cost term {}",
                     centimetres(*size_m),
                     self.baseline,
                     number(theirs),
-                    robust.selector,
+                    self.roles.robust,
                     number(robust.cot_mean),
                     number(cost(of(WITHOUT_COST))),
                 ));
@@ -261,7 +257,7 @@ impl Evidence<'_> {
             by: "paper, our measure",
             ours: if words.is_empty() { "VOCALoco reached none of these courses".to_owned() } else { words.join(". ") },
             verdict: Verdict::of(compared > 0 && cheaper == compared),
-            why: "Mean CoT of the rollouts that reached the target, standing included. Agrees when it is not above either at any height. The most robust skill reaches the course most often, of equals the cheapest.".to_owned(),
+            why: "Mean CoT of the rollouts that reached the target, standing included. Agrees when it is not above either at any height. The most robust skill is the most viable over both stairs and all heights.".to_owned(),
             n: format!("{} a height and selector", self.plan.rollouts),
             seed: self.plan.seed,
             command: self.success_command("mixed", &["vocaloco", &baseline], &self.plan.mixed_sizes_m, self.plan.rollouts),

@@ -169,7 +169,7 @@ fn selector_ink(evidence: &Evidence<'_>, row: &SuccessRow) -> Ink {
     match row.selector.split_once(':') {
         Some((_, skill)) => Ink::Series(super::predicting::place(evidence, skill)),
         None if row.selector == WITHOUT_COST => Ink::Axis,
-        None => Ink::Reached,
+        None => Ink::Text,
     }
 }
 
