@@ -82,9 +82,9 @@ pub(super) fn run(folder: &Path, model: &Path, shared: Shared) -> anyhow::Result
         },
     };
     if shared.json {
-        output::json(&report)?
+        output::json(&report)?;
     } else {
-        table(&report)?
+        table(&report)?;
     }
     Ok(Exit::Fine)
 }
