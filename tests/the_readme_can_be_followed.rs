@@ -8,8 +8,9 @@ use std::sync::LazyLock;
 
 use vocaloco_tests::repository;
 
-const DOCUMENTS: [&str; 8] = [
+const DOCUMENTS: [&str; 9] = [
     "README.md",
+    "docs/data.md",
     "docs/reproduce.md",
     "docs/method.md",
     "docs/locks.md",

@@ -1,0 +1,65 @@
+//! The committed slice of a data set is small, reads as `docs/data.md` says, and holds the same poses in
+//! both kinds.
+
+use std::{fs, path::PathBuf};
+
+use vocaloco_sim::{
+    dataset::{self, Dataset, Kind},
+    terrain::TerrainKind,
+};
+use vocaloco_tests::repository;
+
+fn folder(kind: Kind) -> PathBuf {
+    repository().join("tests/data/walk").join(kind.id())
+}
+
+fn slice(kind: Kind) -> Dataset {
+    dataset::read(&folder(kind)).expect("the slice reads")
+}
+
+#[test]
+fn the_slice_is_at_most_two_megabytes() {
+    let bytes = |kind| -> u64 {
+        let entries = fs::read_dir(folder(kind)).expect("the slice").map(|entry| entry.expect("an entry"));
+        entries.map(|entry| entry.metadata().expect("a size").len()).sum()
+    };
+    let (viability, cot) = (bytes(Kind::Viability), bytes(Kind::Cot));
+    assert!(viability + cot <= 2_000_000, "{viability} and {cot} bytes");
+}
+
+#[test]
+fn labels_are_shares_and_positive_costs_over_every_terrain() {
+    let (viability, cot) = (slice(Kind::Viability), slice(Kind::Cot));
+    assert_eq!(viability.len() as u64, viability.meta.rows, "every row has a viability");
+    assert!((1..viability.len()).contains(&cot.len()), "{} rows of cost: crashes are left out", cot.len());
+    for terrain in TerrainKind::ALL {
+        assert!(viability.terrain.contains(&terrain), "{terrain}");
+    }
+    for row in 0..viability.len() {
+        let share = viability.successes[row] as f32 / viability.rollouts[row] as f32;
+        assert_eq!(viability.labels[row], share, "row {row}");
+    }
+    for row in (0..cot.len()).filter(|row| cot.trainable[*row]) {
+        assert!((0.05..5.0).contains(&cot.labels[row]), "row {row}: {}", cot.labels[row]);
+    }
+}
+
+#[test]
+fn both_kinds_see_the_same_fields() {
+    let (viability, cot) = (slice(Kind::Viability), slice(Kind::Cot));
+    assert_eq!(viability.meta.config.seed, cot.meta.config.seed);
+    for (row, number) in cot.rows.iter().enumerate() {
+        assert_eq!(cot.fields[row], viability.fields[*number as usize], "row {number}");
+    }
+}
+
+#[test]
+fn the_document_names_every_column() {
+    let document = fs::read_to_string(repository().join("docs/data.md")).expect("docs/data.md");
+    let shard = folder(Kind::Cot).join(dataset::shard_file(0));
+    let columns = dataset::columns(&shard).expect("a Parquet file");
+    assert!(columns.len() > 15, "{columns:?}");
+    for column in columns {
+        assert!(document.contains(&format!("| `{column}` |")), "{column} is not in docs/data.md");
+    }
+}
