@@ -109,20 +109,20 @@ fn on_flat_ground() {
 
 #[test]
 fn half_way_up_stairs_of_15_cm() {
-    every_phase("ascend", (CourseKind::StairsUp, 0.15), 3.3, 0.8);
+    every_phase("ascend_network", (CourseKind::StairsUp, 0.15), 3.3, 0.8);
 }
 
 #[test]
 fn half_way_down_stairs_of_15_cm() {
-    every_phase("descend", (CourseKind::StairsDown, 0.15), 3.5, 0.8);
+    every_phase("descend_network", (CourseKind::StairsDown, 0.15), 3.5, 0.8);
 }
 
 #[test]
 fn a_stopped_robot_holds_a_push_of_half_a_metre_per_second_from_every_side() {
     for (skill, course, stop_x_m, least_upright) in [
         ("walk", (CourseKind::StairsUp, 0.12), 1.6, 0.97),
-        ("ascend", (CourseKind::StairsUp, 0.15), 3.3, 0.8),
-        ("descend", (CourseKind::StairsDown, 0.15), 3.5, 0.8),
+        ("ascend_network", (CourseKind::StairsUp, 0.15), 3.3, 0.8),
+        ("descend_network", (CourseKind::StairsDown, 0.15), 3.5, 0.8),
     ] {
         let mut falls = Vec::new();
         for side in 0..8 {

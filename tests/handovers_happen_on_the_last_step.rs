@@ -48,7 +48,9 @@ fn handovers(
 
 #[test]
 fn the_hind_feet_are_on_the_last_step_and_the_fore_feet_past_it() {
-    for (from, course) in [("ascend", CourseKind::StairsUp), ("descend", CourseKind::StairsDown)] {
+    for (from, course) in
+        [("ascend_network", CourseKind::StairsUp), ("descend_network", CourseKind::StairsDown)]
+    {
         let (from, walk) = (skill(from), skill("walk"));
         let handovers = handovers([&from, &walk], &query(course, 0.12, 4), 2).expect("handovers");
         for (row, handover) in handovers.iter().enumerate() {
@@ -76,7 +78,7 @@ fn a_skill_that_takes_over_from_itself_on_low_steps_goes_on() {
 
 #[test]
 fn a_row_repeats_on_any_number_of_threads() {
-    let (ascend, walk) = (skill("ascend"), skill("walk"));
+    let (ascend, walk) = (skill("ascend_network"), skill("walk"));
     let skills = [&ascend, &walk];
     let query = query(CourseKind::StairsUp, 0.12, 4);
     let row = |threads| {

@@ -69,12 +69,12 @@ fn walk_passes_on_flat_ground_in_both() {
 
 #[test]
 fn ascend_passes_on_steps_of_ten_centimetres_in_both() {
-    the_skill_passes_in_both("ascend", TerrainKind::StairsUp, 0.1);
+    the_skill_passes_in_both("ascend_network", TerrainKind::StairsUp, 0.1);
 }
 
 #[test]
 fn descend_passes_on_steps_of_ten_centimetres_in_both() {
-    the_skill_passes_in_both("descend", TerrainKind::StairsDown, 0.1);
+    the_skill_passes_in_both("descend_network", TerrainKind::StairsDown, 0.1);
 }
 
 #[test]

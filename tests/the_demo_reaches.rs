@@ -53,7 +53,7 @@ fn twelve_centimetres_are_reached_and_forty_are_stopped_before() {
     assert!(skills > 0 && distance_m >= 0.3, "it never walked up to the step: {high}");
 
     // On the lowest steps that need them, the skills made for stairs carry the robot between walks.
-    for (name, skill) in [("stairs_up", "ascend"), ("stairs_down", "descend")] {
+    for (name, skill) in [("stairs_up", "ascend_network"), ("stairs_down", "descend_network")] {
         let switched = summary["courses"]
             .as_array()
             .expect("courses")

@@ -28,7 +28,7 @@ fn the_shipped_manifests_are_read_as_written() {
     assert_eq!(skill.selection, Selection { viability_threshold: 0.925, cost_margin: 0.1, committed: false });
     assert_eq!(skill.rollout, Rollout { horizon_m: 1.5, time_limit_s: 4.0 });
     let deployment = written("anymal_stairs.toml", DEPLOYMENT, Deployment::read).expect("sound");
-    assert_eq!(deployment.skills, ["walk", "ascend", "descend"]);
+    assert_eq!(deployment.skills, ["walk", "ascend_network", "descend_network"]);
     assert_eq!((deployment.switch_window, deployment.stop_window, deployment.resume_window), (10, 10, 25));
 }
 
@@ -114,8 +114,8 @@ fn a_deployment_out_of_range_is_refused_by_field() {
         ("rate_hz = 50", "rate_hz = inf", "rate_hz"),
         ("rate_hz = 50", "switching.ramp_s = nan", "switching.ramp_s"),
         ("rate_hz = 50", "trusted_keys = [\"ab\"]", "trusted_keys[0]"),
-        ("\"descend\"]", "\"walk\"]", "skills[2]"),
-        ("[\"walk\", \"ascend\", \"descend\"]", "[]", "skills"),
+        ("\"descend_network\"]", "\"walk\"]", "skills[2]"),
+        ("[\"walk\", \"ascend_network\", \"descend_network\"]", "[]", "skills"),
         ("[heightfield]", "[deadlines]\nact_s = nan\n[heightfield]", "deadlines.act_s"),
         ("[heightfield]", "[deadlines]\npredict_s = 0.0041\n[heightfield]", "deadlines.predict_s"),
     ] {

@@ -12,6 +12,14 @@ use crate::stand::Sensed;
 use crate::switch::Active;
 use crate::target::PositionTarget;
 
+/// Where a skill is going.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Way {
+    target: PositionTarget,
+    /// Whether stops and switches wait for its end.
+    binds: bool,
+}
+
 impl Runtime {
     /// Who drives: the window, unless a fault or a zero command overrules it.
     pub(super) fn decide(&mut self, choice: Choice, observation: &Observation) {
@@ -37,13 +45,12 @@ impl Runtime {
     /// Whether the active skill is on its way to a target and must not be stopped there.
     fn is_committed(&self, observation: &Observation) -> bool {
         let Active::Skill(skill) = self.filter.active() else { return false };
-        let way = self.targets[skill].zip(observation.base_in_odom);
-        self.selector.rules()[skill].committed
-            && way.is_some_and(|(target, base)| !target.is_over(&base, observation.t_s))
+        let way = self.targets[skill].filter(|way| way.binds).zip(observation.base_in_odom);
+        way.is_some_and(|(way, base)| !way.target.is_over(&base, observation.t_s))
     }
 
     /// What a skill is told: the command, or the way to its target, which is set when it begins or has got
-    /// there.
+    /// there. Only a skill that is viable commits itself to another.
     fn command(&mut self, skill: usize, observation: &Observation, begins: bool) -> Command {
         let (asked, now_s) = (observation.command, observation.t_s);
         let rule = &self.selector.rules()[skill];
@@ -52,12 +59,19 @@ impl Runtime {
             return asked;
         };
         let [forward, left, _] = asked.velocity;
-        let going = self.targets[skill].filter(|target| !begins && !target.is_over(&base, now_s));
-        let target = going.unwrap_or_else(|| {
-            PositionTarget::ahead(&base, [forward, left], distance_m as f32, rule.time_limit_s, now_s)
+        let going = self.targets[skill].filter(|way| !begins && !way.target.is_over(&base, now_s));
+        let way = going.unwrap_or_else(|| Way {
+            target: PositionTarget::ahead(
+                &base,
+                [forward, left],
+                distance_m as f32,
+                rule.time_limit_s,
+                now_s,
+            ),
+            binds: rule.committed && (begins || self.decision.skills[skill].viable),
         });
-        self.targets[skill] = Some(target);
-        target.command(&base, asked.velocity, now_s)
+        self.targets[skill] = Some(way);
+        way.target.command(&base, asked.velocity, now_s)
     }
 
     pub(super) fn force(&mut self, why: Forced) {

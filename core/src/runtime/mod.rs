@@ -23,6 +23,7 @@ use vocaloco_plugin_api::{CommandKind, JointTarget};
 
 use deadline::{Overruns, WatchedController, WatchedPredictors};
 pub use deadline::{Pace, Supervision, TickSummary, TickTimes};
+use drive::Way;
 pub use follow::{Followed, Follower};
 use handover::Handover;
 pub use handover::Switching;
@@ -40,7 +41,6 @@ use crate::robot::RobotModel;
 use crate::selector::{Choice, Prediction, Reason, Rule, Selector};
 use crate::stand::{Sensed, Stand};
 use crate::switch::{Active, SwitchFilter, Windows};
-use crate::target::PositionTarget;
 
 /// Why a loop cannot start.
 #[derive(Debug, Error)]
@@ -109,7 +109,7 @@ pub struct Runtime {
     is_late: bool,
     handover: Handover,
     /// Where each skill that goes to position targets is going.
-    targets: Vec<Option<PositionTarget>>,
+    targets: Vec<Option<Way>>,
     mixing: bool,
     /// Who made the targets in `joints`; none before the first usable observation.
     drives: Option<Active>,

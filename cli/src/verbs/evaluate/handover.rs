@@ -23,7 +23,7 @@ use crate::{
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Skill that comes to the last step
-    #[arg(long, default_value = "ascend", value_name = "SKILL")]
+    #[arg(long, default_value = "ascend_network", value_name = "SKILL")]
     from: String,
     /// Skill that takes over there
     #[arg(long, default_value = "walk", value_name = "SKILL")]
