@@ -23,7 +23,7 @@ pub(super) fn difficulty(evidence: &Evidence<'_>) -> Figure {
         let style = Style::series(place(evidence, skill));
         let way = words(terrain);
         panels.push(Panel {
-            title: format!("{skill}, {way}: viability"),
+            title: format!("{skill}, {way}"),
             x: heights(&evidence.plan.sizes_m),
             y: Axis::share("share that gets ahead"),
             marks: vec![
@@ -33,7 +33,7 @@ pub(super) fn difficulty(evidence: &Evidence<'_>) -> Figure {
         });
         let costs = points(&cells, Collected::cost);
         panels.push(Panel {
-            title: format!("{skill}, {way}: cost of transport"),
+            title: format!("{skill}, {way}"),
             x: heights(&evidence.plan.sizes_m),
             y: Axis::from_zero("CoT (–)", highest(&costs)),
             marks: vec![
