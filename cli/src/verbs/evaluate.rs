@@ -2,6 +2,7 @@
 
 mod agreement;
 mod arena;
+mod arena_args;
 mod calibration;
 mod calibration_figures;
 mod calibration_page;

@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, ensure};
+use anyhow::Context;
 use serde::Serialize;
 use vocaloco_core::decision_log::{LogWriter, Setup};
 use vocaloco_core::predictor::backend;
@@ -14,8 +14,9 @@ use vocaloco_sim::{
 };
 
 use super::arena::{Arena, Variation};
+use super::arena_args::ArenaArgs;
 use super::store::Store;
-use super::success::{Sight, parse_course};
+use super::success::parse_course;
 use super::who::Who;
 use crate::report::{PackedCourse, Report, Story, path, told};
 use crate::{exit::Exit, output, progress, verbs::Shared};
@@ -35,24 +36,8 @@ pub(crate) struct Args {
     /// Steps of a flight
     #[arg(long, default_value_t = 3, value_name = "N")]
     steps: usize,
-    /// Who chooses: `vocaloco`, `oracle`, `skill:NAME`
-    #[arg(long, value_delimiter = ',', default_value = "vocaloco", value_name = "LIST")]
-    selector: Vec<Who>,
-    /// Deployment whose skills may run
-    #[arg(long, default_value = "anymal_stairs", value_name = "NAME")]
-    deployment: String,
-    /// Rollouts a skill, terrain and height that the oracle knows
-    #[arg(long, default_value_t = 100, value_name = "N")]
-    oracle_samples: u64,
-    /// What the predictors see: everything, or what depth cameras have seen, the rest filled
-    #[arg(long, value_enum, default_value_t = Sight::None)]
-    occlusion: Sight,
-    /// Half-width of the noise on every height that the predictors see, m
-    #[arg(long, default_value_t = 0.1, value_name = "M")]
-    field_noise_m: f32,
-    /// Half-width of the noise on every height that the skills see, m
-    #[arg(long, default_value_t = 0.02, value_name = "M")]
-    patch_noise_m: f32,
+    #[command(flatten)]
+    arena: ArenaArgs,
     /// Folder for report.html and the decisions logs
     #[arg(long, default_value = "out/course", value_name = "DIR")]
     out: PathBuf,
@@ -85,29 +70,23 @@ struct Row {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
-    ensure!((1..=40).contains(&args.steps), "--steps: found {}, wanted 1 to 40", args.steps);
-    for size_m in &args.size_m {
-        ensure!((0.0..=1.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 1");
-    }
-    for (flag, noise_m) in [("field", args.field_noise_m), ("patch", args.patch_noise_m)] {
-        ensure!((0.0..=1.0).contains(&noise_m), "--{flag}-noise-m: found {noise_m}, wanted 0 to 1");
-    }
+    args.arena.check(args.steps, &args.size_m)?;
     let store = Store::open(&args.out.join("measured"), false)?;
-    let alone: Vec<&str> = args.selector.iter().filter_map(Who::alone).collect();
-    let arena = Arena::load(&args.deployment, &alone, (store, 0))?;
+    let alone: Vec<&str> = args.arena.selector.iter().filter_map(Who::alone).collect();
+    let arena = Arena::load(&args.arena.deployment, &alone, (store, 0))?;
     let (mut rows, mut courses) = (Vec::new(), Vec::new());
     for course in &args.course {
         for size_m in &args.size_m {
-            for who in &args.selector {
+            for who in &args.arena.selector {
                 let config = CourseConfig {
                     steps: args.steps,
-                    noise: SensorNoise { patch_m: args.patch_noise_m, ..SensorNoise::default() },
-                    field_noise_m: args.field_noise_m,
-                    occlusion: args.occlusion.into(),
+                    noise: SensorNoise { patch_m: args.arena.patch_noise_m, ..SensorNoise::default() },
+                    field_noise_m: args.arena.field_noise_m,
+                    occlusion: args.arena.occlusion.into(),
                     ..CourseConfig::demo(*course, *size_m, args.shared.seed)
                 };
                 let spinner = progress::spinner(&format!("{who} on {} of {size_m} m", course.id()));
-                let driven = drive(&arena, &config, who, args.oracle_samples, &args.out)?;
+                let driven = drive(&arena, &config, who, args.arena.oracle_samples, &args.out)?;
                 spinner.finish_and_clear();
                 rows.push(Row::new(&driven, &config, who));
                 courses.push(driven.packed);
@@ -129,9 +108,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         ),
         field_caption: format!(
             "Heights around the base as the networks see them, each with ±{} m of noise; blue is low.",
-            args.field_noise_m
+            args.arena.field_noise_m
         ),
-        palette: palette(&arena, &args.selector),
+        palette: palette(&arena, &args.arena.selector),
         courses,
     };
     let page = args.out.join("report.html");
@@ -242,7 +221,7 @@ fn print(summary: &Summary, page: &Path) -> anyhow::Result<()> {
 
 fn command(args: &Args) -> String {
     let sizes: Vec<String> = args.size_m.iter().map(ToString::to_string).collect();
-    let selectors: Vec<String> = args.selector.iter().map(ToString::to_string).collect();
+    let selectors: Vec<String> = args.arena.selector.iter().map(ToString::to_string).collect();
     let courses: Vec<&str> = args.course.iter().map(|course| course.id()).collect();
     format!(
         "vocaloco evaluate course --course {} --size-m {} --steps {} --selector {} --deployment {}{} \
@@ -251,10 +230,10 @@ fn command(args: &Args) -> String {
         sizes.join(","),
         args.steps,
         selectors.join(","),
-        args.deployment,
-        args.occlusion.flag(),
-        args.field_noise_m,
-        args.patch_noise_m,
+        args.arena.deployment,
+        args.arena.occlusion.flag(),
+        args.arena.field_noise_m,
+        args.arena.patch_noise_m,
         args.shared.seed
     )
 }

@@ -13,6 +13,7 @@ use vocaloco_sim::{
 };
 
 use super::arena::{Arena, Variation};
+use super::arena_args::ArenaArgs;
 use super::store::Store;
 use super::who::Who;
 use crate::{exit::Exit, output, progress, verbs::Shared};
@@ -32,27 +33,11 @@ pub(crate) struct Args {
     /// Rollouts for each height
     #[arg(long, default_value_t = 100, value_name = "N")]
     rollouts: u64,
-    /// Who chooses: `vocaloco`, `oracle` (the same, fed with what was collected), `skill:NAME` (alone)
-    #[arg(long, value_delimiter = ',', default_value = "vocaloco", value_name = "LIST")]
-    selector: Vec<Who>,
     /// Steps of a flight
     #[arg(long, default_value_t = 6, value_name = "N")]
     steps: usize,
-    /// Deployment whose skills may run
-    #[arg(long, default_value = "anymal_stairs", value_name = "NAME")]
-    deployment: String,
-    /// Rollouts a skill, terrain and height that the oracle knows
-    #[arg(long, default_value_t = 100, value_name = "N")]
-    oracle_samples: u64,
-    /// What the predictors see: everything, or what depth cameras have seen, the rest filled
-    #[arg(long, value_enum, default_value_t = Sight::None)]
-    occlusion: Sight,
-    /// Half-width of the noise on every height that the predictors see, m
-    #[arg(long, default_value_t = 0.1, value_name = "M")]
-    field_noise_m: f32,
-    /// Half-width of the noise on every height that the skills see, m
-    #[arg(long, default_value_t = 0.02, value_name = "M")]
-    patch_noise_m: f32,
+    #[command(flatten)]
+    arena: ArenaArgs,
     /// Folder of what was measured
     #[arg(long, default_value = "out/measured", value_name = "DIR")]
     store: PathBuf,
@@ -109,33 +94,28 @@ pub(super) fn parse_course(text: &str) -> Result<CourseKind, String> {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     ensure!(args.rollouts > 0, "--rollouts: found 0, wanted 1 or more");
-    ensure!(args.oracle_samples > 0, "--oracle-samples: found 0, wanted 1 or more");
-    ensure!((1..=40).contains(&args.steps), "--steps: found {}, wanted 1 to 40", args.steps);
-    for size_m in &args.size_m {
-        ensure!((0.0..=1.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 1");
-    }
-    for (flag, noise_m) in [("field", args.field_noise_m), ("patch", args.patch_noise_m)] {
-        ensure!((0.0..=1.0).contains(&noise_m), "--{flag}-noise-m: found {noise_m}, wanted 0 to 1");
-    }
-    let alone: Vec<&str> = args.selector.iter().filter_map(Who::alone).collect();
+    args.arena.check(args.steps, &args.size_m)?;
+    let alone: Vec<&str> = args.arena.selector.iter().filter_map(Who::alone).collect();
     let store = Store::open(&args.store, args.fresh)?;
-    let arena = Arena::load(&args.deployment, &alone, (store, args.threads))?;
-    let rows_wanted = args.course.len() * args.selector.len() * args.size_m.len();
+    let arena = Arena::load(&args.arena.deployment, &alone, (store, args.threads))?;
+    let rows_wanted = args.course.len() * args.arena.selector.len() * args.size_m.len();
     let bar = progress::bar("rollouts", args.rollouts * rows_wanted as u64);
     let mut rows = Vec::new();
     for course in &args.course {
-        for who in &args.selector {
+        for who in &args.arena.selector {
             for size_m in &args.size_m {
                 bar.set_message(format!("{} of {:.3} m, {who}", course.id(), size_m));
                 let config = CourseConfig {
                     steps: args.steps,
-                    noise: SensorNoise { patch_m: args.patch_noise_m, ..SensorNoise::default() },
-                    field_noise_m: args.field_noise_m,
-                    occlusion: args.occlusion.into(),
+                    noise: SensorNoise { patch_m: args.arena.patch_noise_m, ..SensorNoise::default() },
+                    field_noise_m: args.arena.field_noise_m,
+                    occlusion: args.arena.occlusion.into(),
                     ..CourseConfig::evaluation(*course, *size_m, args.shared.seed, 0)
                 };
                 let who = (who, Variation::default());
-                rows.push(arena.row(&config, args.rollouts, who, args.oracle_samples, &|n| bar.inc(n))?);
+                rows.push(
+                    arena.row(&config, args.rollouts, who, args.arena.oracle_samples, &|n| bar.inc(n))?,
+                );
             }
         }
     }
@@ -209,18 +189,18 @@ fn command(args: &Args) -> String {
         list(args.course.iter().map(|course| course.id().to_owned()).collect()),
         list(args.size_m.iter().map(ToString::to_string).collect()),
         args.rollouts,
-        list(args.selector.iter().map(ToString::to_string).collect()),
+        list(args.arena.selector.iter().map(ToString::to_string).collect()),
         args.steps,
-        args.deployment,
+        args.arena.deployment,
     )];
-    if args.selector.contains(&Who::Oracle) {
-        words.push(format!("--oracle-samples {}", args.oracle_samples));
+    if args.arena.selector.contains(&Who::Oracle) {
+        words.push(format!("--oracle-samples {}", args.arena.oracle_samples));
     }
     words.push(format!(
         "--field-noise-m {} --patch-noise-m {}{} --seed {}",
-        args.field_noise_m,
-        args.patch_noise_m,
-        args.occlusion.flag(),
+        args.arena.field_noise_m,
+        args.arena.patch_noise_m,
+        args.arena.occlusion.flag(),
         args.shared.seed
     ));
     words.join(" ")

@@ -1,0 +1,43 @@
+//! Who chooses on a course, and what they see: the arguments that `evaluate success` and `evaluate course` share.
+
+use anyhow::ensure;
+
+use super::success::Sight;
+use super::who::Who;
+
+#[derive(clap::Args)]
+pub(super) struct ArenaArgs {
+    /// Who chooses: `vocaloco`, `oracle` (the same, fed with what was collected), `skill:NAME` (alone)
+    #[arg(long, value_delimiter = ',', default_value = "vocaloco", value_name = "LIST")]
+    pub(super) selector: Vec<Who>,
+    /// Deployment whose skills may run
+    #[arg(long, default_value = "anymal_stairs", value_name = "NAME")]
+    pub(super) deployment: String,
+    /// Rollouts a skill, terrain and height that the oracle knows
+    #[arg(long, default_value_t = 100, value_name = "N")]
+    pub(super) oracle_samples: u64,
+    /// What the predictors see: everything, or what depth cameras have seen, the rest filled
+    #[arg(long, value_enum, default_value_t = Sight::None)]
+    pub(super) occlusion: Sight,
+    /// Half-width of the noise on every height that the predictors see, m
+    #[arg(long, default_value_t = 0.1, value_name = "M")]
+    pub(super) field_noise_m: f32,
+    /// Half-width of the noise on every height that the skills see, m
+    #[arg(long, default_value_t = 0.02, value_name = "M")]
+    pub(super) patch_noise_m: f32,
+}
+
+impl ArenaArgs {
+    /// Whether these, and the steps and heights of the courses, are numbers to measure with.
+    pub(super) fn check(&self, steps: usize, sizes_m: &[f32]) -> anyhow::Result<()> {
+        ensure!(self.oracle_samples > 0, "--oracle-samples: found 0, wanted 1 or more");
+        ensure!((1..=40).contains(&steps), "--steps: found {steps}, wanted 1 to 40");
+        for size_m in sizes_m {
+            ensure!((0.0..=1.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 1");
+        }
+        for (flag, noise_m) in [("field", self.field_noise_m), ("patch", self.patch_noise_m)] {
+            ensure!((0.0..=1.0).contains(&noise_m), "--{flag}-noise-m: found {noise_m}, wanted 0 to 1");
+        }
+        Ok(())
+    }
+}
