@@ -21,7 +21,7 @@ pub use pilot::{Pilot, PilotTick, SelectorPilot, SkillPilot};
 pub use record::{CourseRun, CourseTick, Outcome, Switch};
 pub use runtimes::{Crew, Runtimes};
 pub use stage::CourseStage;
-pub use success::{Selector, SuccessRow, roll_out, success};
+pub use success::{Lost, Selector, SuccessRow, roll_out, success};
 pub use switches::{Peaks, SwitchesRow, switches};
 
 use thiserror::Error;

@@ -90,6 +90,18 @@ pub struct SuccessRow {
     /// What the cameras did not see, over all ticks of all rollouts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unseen: Option<Unseen>,
+    /// The rollouts that did not reach the target; `evaluate course --rollout N` drives one again.
+    #[serde(default)]
+    pub lost: Vec<Lost>,
+}
+
+/// A rollout that did not reach the target.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lost {
+    /// Its number.
+    pub rollout: u64,
+    /// How it ended.
+    pub outcome: Outcome,
 }
 
 /// One rollout of a course.
@@ -179,6 +191,11 @@ fn summarise(config: &CourseConfig, selector: String, runs: &[CourseRun]) -> Suc
         patch_noise_m: config.noise.patch_m,
         occlusion: config.occlusion,
         unseen: unseen(runs),
+        lost: (0..)
+            .zip(runs)
+            .map(|(rollout, run)| Lost { rollout, outcome: run.outcome })
+            .filter(|one| one.outcome != Outcome::Reached)
+            .collect(),
     }
 }
 
@@ -230,6 +247,8 @@ mod tests {
         assert!((row.cot_mean.unwrap() - 0.3).abs() < 1e-9);
         assert!((row.duration_mean_s.unwrap() - 3.0).abs() < 1e-9);
         assert!(row.reached_low < 0.5 && row.reached_high > 0.5);
+        let lost: Vec<_> = row.lost.iter().map(|one| (one.rollout, one.outcome)).collect();
+        assert_eq!(lost, [(2, Outcome::Crashed), (3, Outcome::Stopped)]);
         assert!(row.stopped_low < 0.25 && row.stopped_high > 0.25 && row.stuck_high > 0.0);
     }
 

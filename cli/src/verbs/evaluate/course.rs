@@ -36,6 +36,10 @@ pub(crate) struct Args {
     /// Steps of a flight
     #[arg(long, default_value_t = 3, value_name = "N")]
     steps: usize,
+    /// Start as this rollout of `evaluate success` with the same seed: anywhere on the near flat, friction and
+    /// mass drawn; by default nominal, in the middle
+    #[arg(long, value_name = "N")]
+    rollout: Option<u64>,
     #[command(flatten)]
     arena: ArenaArgs,
     /// Folder for report.html and the decisions logs
@@ -78,12 +82,16 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     for course in &args.course {
         for size_m in &args.size_m {
             for who in &args.arena.selector {
+                let start = match args.rollout {
+                    Some(rollout) => CourseConfig::evaluation(*course, *size_m, args.shared.seed, rollout),
+                    None => CourseConfig::demo(*course, *size_m, args.shared.seed),
+                };
                 let config = CourseConfig {
                     steps: args.steps,
                     noise: SensorNoise { patch_m: args.arena.patch_noise_m, ..SensorNoise::default() },
                     field_noise_m: args.arena.field_noise_m,
                     occlusion: args.arena.occlusion.into(),
-                    ..CourseConfig::demo(*course, *size_m, args.shared.seed)
+                    ..start
                 };
                 let spinner = progress::spinner(&format!("{who} on {} of {size_m} m", course.id()));
                 let driven = drive(&arena, &config, who, args.arena.oracle_samples, &args.out)?;
@@ -224,13 +232,14 @@ fn command(args: &Args) -> String {
     let selectors: Vec<String> = args.arena.selector.iter().map(ToString::to_string).collect();
     let courses: Vec<&str> = args.course.iter().map(|course| course.id()).collect();
     format!(
-        "vocaloco evaluate course --course {} --size-m {} --steps {} --selector {} --deployment {}{} \
+        "vocaloco evaluate course --course {} --size-m {} --steps {} --selector {} --deployment {}{}{} \
          --field-noise-m {} --patch-noise-m {} --seed {}",
         courses.join(","),
         sizes.join(","),
         args.steps,
         selectors.join(","),
         args.arena.deployment,
+        args.rollout.map_or_else(String::new, |rollout| format!(" --rollout {rollout}")),
         args.arena.occlusion.flag(),
         args.arena.field_noise_m,
         args.arena.patch_noise_m,
