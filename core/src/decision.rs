@@ -5,7 +5,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::decision_log::SetupSkill;
 use crate::heightfield::Field;
 use crate::selector::{Choice, Prediction, Reason};
-use crate::switch::Active;
+use crate::switch::{Active, SwitchFilter};
 
 /// Name of the core's stand in records.
 pub const STAND: &str = "stand";
@@ -126,7 +126,7 @@ impl Decision {
     }
 
     /// The choice in words, into `reason`.
-    pub(crate) fn explain(&mut self, choice: Choice, active: Active, agreement: (usize, usize)) {
+    pub(crate) fn explain(&mut self, choice: Choice, active: Active, filter: &SwitchFilter) {
         use std::fmt::Write;
         let viable = self.viable_skills();
         let mut words = std::mem::take(&mut self.reason);
@@ -157,9 +157,11 @@ impl Decision {
             (Choice::Stop, Active::Skill(_)) => true,
             (Choice::Skill(chosen), active) => active != Active::Skill(chosen),
         };
+        let (run, wanted) = filter.agreement();
         if waits {
-            let (run, wanted) = agreement;
             let _ = write!(words, "; {} of {wanted} ticks in a row, {} goes on", run, self.active);
+        } else if let Some((_, ticks)) = filter.steady().filter(|_| run < wanted) {
+            let _ = write!(words, "; viable for {ticks} ticks in a row while the winners alternated");
         }
         self.reason = words;
     }

@@ -78,7 +78,7 @@ pub fn replay(
             } else if forced == Some(Forced::ZeroCommand) {
                 filter.stand_now();
             } else {
-                let viable = verdict.is_none_or(|verdict| matches!(verdict, Reason::Viable { .. }));
+                let viable = |skill: usize| matches!(reasons.get(skill), Some(Reason::Viable { .. }));
                 if let Active::Skill(skill) = filter.step(choice, viable)
                     && let Some(why @ (Reason::PluginFailed | Reason::TooSlow)) =
                         decision.skills.get(skill).map(|then| then.reason)

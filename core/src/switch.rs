@@ -36,12 +36,14 @@ pub struct SwitchFilter {
     last: Option<Choice>,
     run: usize,
     unviable: usize,
+    /// While it stands: a skill that won and has been viable since, and for how many ticks.
+    steady: Option<(usize, usize)>,
 }
 
 impl SwitchFilter {
     /// A filter at the start of the loop, which stands.
     pub const fn new(windows: Windows) -> Self {
-        Self { windows, active: Active::Stand, stopped: false, last: None, run: 0, unviable: 0 }
+        Self { windows, active: Active::Stand, stopped: false, last: None, run: 0, unviable: 0, steady: None }
     }
 
     /// Who drives.
@@ -69,22 +71,35 @@ impl SwitchFilter {
         (self.run, wanted)
     }
 
-    /// One tick: the selector's choice, and whether the active skill is viable.
+    /// The skill that won while it stood and has been viable since, and for how many ticks; none once it walks.
+    pub const fn steady(&self) -> Option<(usize, usize)> {
+        self.steady
+    }
+
+    /// One tick: the selector's choice, and which skills are viable.
     ///
     /// # Source
-    /// Wu et al. (2025), selection step 5. That an active skill unviable for the stop window stops
-    /// whatever the choices do, and the resume window, are our own.
-    pub fn step(&mut self, choice: Choice, active_is_viable: bool) -> Active {
+    /// Wu et al. (2025), selection step 5. Our own: that an active skill unviable for the stop window stops
+    /// whatever the choices do, the resume window, and that winners who alternate while it stands do not hold it
+    /// for ever: it leaves with one that has been viable for twice the window.
+    pub fn step(&mut self, choice: Choice, is_viable: impl Fn(usize) -> bool) -> Active {
         self.run = if self.last == Some(choice) { self.run.saturating_add(1) } else { 1 };
         self.last = Some(choice);
         self.unviable = match self.active {
-            Active::Skill(_) if !active_is_viable => self.unviable + 1,
+            Active::Skill(active) if !is_viable(active) => self.unviable + 1,
             _ => 0,
+        };
+        self.steady = match (self.active, choice, self.steady) {
+            (Active::Stand, Choice::Skill(_), Some((skill, ticks))) if is_viable(skill) => {
+                Some((skill, ticks.saturating_add(1)))
+            }
+            (Active::Stand, Choice::Skill(winner), _) => Some((winner, 1)),
+            _ => None,
         };
         let (run, wanted) = self.agreement();
         match choice {
             Choice::Stop if run >= wanted => self.stop(),
-            Choice::Skill(skill) if run >= wanted => {
+            Choice::Skill(skill) if run >= wanted || self.is_steady(skill, 2 * wanted) => {
                 if self.active != Active::Skill(skill) {
                     self.unviable = 0;
                 }
@@ -97,6 +112,10 @@ impl SwitchFilter {
         self.active
     }
 
+    fn is_steady(&self, skill: usize, wanted: usize) -> bool {
+        self.steady.is_some_and(|(steady, ticks)| steady == skill && ticks >= wanted)
+    }
+
     /// Other skills from now on. A choice of one that is gone counts no more; when it is the active one, it
     /// stops.
     pub(crate) fn adopt(&mut self, moves: &Moves) {
@@ -104,6 +123,7 @@ impl SwitchFilter {
             self.last = moves.to(skill).map(Choice::Skill);
             self.run = if self.last.is_some() { self.run } else { 0 };
         }
+        self.steady = self.steady.and_then(|(skill, ticks)| Some((moves.to(skill)?, ticks)));
         if let Active::Skill(skill) = self.active {
             if let Some(skill) = moves.to(skill) {
                 self.active = Active::Skill(skill);
@@ -117,6 +137,7 @@ impl SwitchFilter {
     pub const fn stop_now(&mut self) {
         self.last = None;
         self.run = 0;
+        self.steady = None;
         self.stop();
     }
 
@@ -125,6 +146,7 @@ impl SwitchFilter {
         self.last = None;
         self.run = 0;
         self.unviable = 0;
+        self.steady = None;
         self.active = Active::Stand;
     }
 
@@ -149,7 +171,7 @@ mod tests {
 
     /// Ticks of `choice` until the active one is `wanted`; at most 100.
     fn ticks_until(filter: &mut SwitchFilter, choice: Choice, viable: bool, wanted: Active) -> usize {
-        (1..=100).find(|_| filter.step(choice, viable) == wanted).unwrap_or(usize::MAX)
+        (1..=100).find(|_| filter.step(choice, |_| viable) == wanted).unwrap_or(usize::MAX)
     }
 
     fn walking(stop: usize) -> SwitchFilter {
@@ -170,9 +192,9 @@ mod tests {
     fn one_dissenting_tick_starts_the_count_anew() {
         let mut filter = walking(10);
         for _ in 0..9 {
-            filter.step(ASCEND, true);
+            filter.step(ASCEND, |_| true);
         }
-        filter.step(WALK, true);
+        filter.step(WALK, |_| true);
         assert_eq!(ticks_until(&mut filter, ASCEND, true, Active::Skill(1)), 10);
     }
 
@@ -189,12 +211,12 @@ mod tests {
         ticks_until(&mut filter, Choice::Stop, false, Active::Stand);
         assert!(filter.is_stopped());
         for _ in 0..24 {
-            assert_eq!(filter.step(WALK, true), Active::Stand);
+            assert_eq!(filter.step(WALK, |_| true), Active::Stand);
         }
         for _ in 0..24 {
-            assert_eq!(filter.step(ASCEND, true), Active::Stand, "another skill counts anew");
+            assert_eq!(filter.step(ASCEND, |_| true), Active::Stand, "another skill counts anew");
         }
-        assert_eq!(filter.step(ASCEND, true), Active::Skill(1));
+        assert_eq!(filter.step(ASCEND, |_| true), Active::Skill(1));
         assert!(!filter.is_stopped());
         assert_eq!(ticks_until(&mut filter, WALK, true, Active::Skill(0)), 10, "the usual window again");
     }
@@ -204,9 +226,9 @@ mod tests {
         let mut filter = walking(10);
         for tick in 1..10 {
             let choice = if tick % 2 == 0 { ASCEND } else { DESCEND };
-            assert_eq!(filter.step(choice, false), Active::Skill(0), "tick {tick}");
+            assert_eq!(filter.step(choice, |_| false), Active::Skill(0), "tick {tick}");
         }
-        assert_eq!(filter.step(ASCEND, false), Active::Stand);
+        assert_eq!(filter.step(ASCEND, |_| false), Active::Stand);
         assert!(filter.is_stopped());
     }
 
@@ -215,7 +237,7 @@ mod tests {
         let mut filter = walking(10);
         for tick in 0..100 {
             let choice = if tick % 2 == 0 { ASCEND } else { DESCEND };
-            assert_eq!(filter.step(choice, true), Active::Skill(0));
+            assert_eq!(filter.step(choice, |_| true), Active::Skill(0));
         }
     }
 
@@ -224,7 +246,7 @@ mod tests {
         let mut filter = walking(10);
         for tick in 0..100 {
             let choice = if tick % 2 == 0 { ASCEND } else { DESCEND };
-            assert_eq!(filter.step(choice, tick % 9 == 0), Active::Skill(0));
+            assert_eq!(filter.step(choice, |_| tick % 9 == 0), Active::Skill(0));
         }
     }
 
@@ -234,7 +256,7 @@ mod tests {
         ticks_until(&mut filter, WALK, true, Active::Skill(0));
         assert_eq!(ticks_until(&mut filter, ASCEND, false, Active::Skill(1)), 10);
         for _ in 0..14 {
-            assert_eq!(filter.step(ASCEND, false), Active::Skill(1));
+            assert_eq!(filter.step(ASCEND, |_| false), Active::Skill(1));
         }
     }
 
@@ -253,5 +275,45 @@ mod tests {
         assert_eq!(filter.active(), Active::Stand);
         assert!(!filter.is_stopped());
         assert_eq!(ticks_until(&mut filter, WALK, true, Active::Skill(0)), 10);
+    }
+
+    /// Choices of walk and ascend by turns while only ascend is viable throughout; the tick that leaves the stand.
+    fn turns_until_it_goes(filter: &mut SwitchFilter) -> Option<usize> {
+        (1..=200).find(|tick| {
+            let walk_wins = tick % 3 == 1;
+            let choice = if walk_wins { WALK } else { ASCEND };
+            filter.step(choice, |skill| skill == 1 || walk_wins) == Active::Skill(1)
+        })
+    }
+
+    #[test]
+    fn alternating_winners_do_not_hold_a_standing_robot_for_ever() {
+        let mut start = filter(10);
+        assert_eq!(turns_until_it_goes(&mut start), Some(21), "twice the window after its first win");
+        let mut stopped = walking(10);
+        stopped.stop_now();
+        assert_eq!(turns_until_it_goes(&mut stopped), Some(51), "twice the resume window");
+        assert!(!stopped.is_stopped());
+    }
+
+    #[test]
+    fn a_skill_that_is_viable_now_and_then_does_not_end_the_stand() {
+        let mut filter = filter(10);
+        for tick in 0..200 {
+            let choice = if tick % 2 == 0 { ASCEND } else { DESCEND };
+            let of = if tick % 2 == 0 { 1 } else { 2 };
+            assert_eq!(filter.step(choice, |skill| skill == of), Active::Stand);
+        }
+    }
+
+    #[test]
+    fn one_tick_without_a_viable_skill_starts_the_patience_anew() {
+        let mut filter = filter(10);
+        for tick in 0..19 {
+            filter.step(if tick % 2 == 0 { ASCEND } else { DESCEND }, |_| true);
+        }
+        filter.step(Choice::Stop, |_| false);
+        assert_eq!(filter.steady(), None);
+        assert_eq!(turns_until_it_goes(&mut filter), Some(21));
     }
 }

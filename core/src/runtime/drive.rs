@@ -27,7 +27,6 @@ impl Runtime {
             Active::Skill(skill) => Some(&self.decision.skills[skill]),
             Active::Stand => None,
         };
-        let active_is_viable = active_verdict.is_none_or(|verdict| verdict.viable);
         let retired = active_verdict.is_some_and(|verdict| verdict.reason.is_out_of_service());
         if self.decision.heightfield_hash.is_empty() {
             self.force(Forced::Terrain);
@@ -38,7 +37,8 @@ impl Runtime {
         } else if self.is_committed(observation) {
             self.force(Forced::Committed);
         } else {
-            self.filter.step(choice, active_is_viable);
+            let verdicts = &self.decision.skills;
+            self.filter.step(choice, |skill| verdicts[skill].viable);
         }
     }
 

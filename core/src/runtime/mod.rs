@@ -350,7 +350,7 @@ impl Runtime {
             },
         );
         self.decision.stopped = self.filter.is_stopped();
-        self.decision.explain(choice, active, self.filter.agreement());
+        self.decision.explain(choice, active, &self.filter);
     }
 }
 
