@@ -1,17 +1,13 @@
 //! Predicted against collected (METHOD, section 6): a skill is rolled out once from each of many
 //! fresh poses, and its predictors are asked about the very fields that those poses see.
 
-use std::sync::Arc;
-
 use serde::Serialize;
 use thiserror::Error;
 use vocaloco_core::predictor::{ModelError, Predictor};
-use vocaloco_core::robot::RobotModel;
 
 use crate::collect::CollectError;
+use crate::collected::Collected;
 use crate::dataset::Kind;
-use crate::evaluate::{Query, Sample, sample};
-use crate::rollout::{Outcome, RolledSkill};
 use crate::scores;
 use crate::terrain::TerrainKind;
 
@@ -67,21 +63,11 @@ pub struct Summary {
     pub reliability: Vec<scores::Bin>,
 }
 
-/// What was predicted and what was collected, rollout by rollout.
+/// What was predicted and what was collected of one skill, a cell a terrain and size.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Calibration {
     skill: String,
-    sizes: Vec<Compared>,
-}
-
-#[derive(Clone, Debug, PartialEq)]
-struct Compared {
-    terrain: TerrainKind,
-    size_m: f32,
-    /// Predicted and collected viability of every rollout, the latter 0 or 1.
-    viability: Vec<(f32, f32)>,
-    /// Predicted and collected cost of the rollouts that reached the horizon.
-    cot: Vec<(f32, f32)>,
+    cells: Vec<Collected>,
 }
 
 /// The two networks of a skill.
@@ -105,41 +91,23 @@ pub enum CalibrationError {
 }
 
 impl Calibration {
-    /// Nothing compared yet.
-    pub fn of(skill: &str) -> Self {
-        Self { skill: skill.to_owned(), sizes: Vec::new() }
-    }
-
-    /// Collects one size and asks the predictors; the rollouts run on the current rayon pool.
-    ///
-    /// # Errors
-    /// No valid pose is found, a field is mostly unknown, or a network gives no usable answer.
-    pub fn measure(
-        &mut self,
-        robot: &Arc<RobotModel>,
-        skill: &RolledSkill,
-        predictors: &mut Predictors,
-        query: &Query,
-        progress: &(dyn Fn() + Sync),
-    ) -> Result<(), CalibrationError> {
-        let samples = sample(robot, skill, query, progress)?;
-        let (viability, cot) = compare(&samples, predictors)?;
-        self.sizes.push(Compared { terrain: query.terrain, size_m: query.size_m, viability, cot });
-        Ok(())
+    /// Of these cells.
+    pub fn of(skill: &str, cells: Vec<Collected>) -> Self {
+        Self { skill: skill.to_owned(), cells }
     }
 
     /// A row a kind and size: all of viability, then all of cost of transport.
     pub fn rows(&self) -> Vec<Row> {
-        let viability = self.sizes.iter().map(|size| self.row(Kind::Viability, size, &size.viability));
-        let cot = self.sizes.iter().map(|size| self.row(Kind::Cot, size, &size.cot));
+        let viability = self.cells.iter().map(|cell| self.row(Kind::Viability, cell, &cell.viability));
+        let cot = self.cells.iter().map(|cell| self.row(Kind::Cot, cell, &cell.cot));
         viability.chain(cot).collect()
     }
 
     /// The scores over all sizes, of viability and of cost of transport.
     pub fn summaries(&self) -> [Summary; 2] {
-        let viability: Vec<_> = self.sizes.iter().flat_map(|size| size.viability.iter().copied()).collect();
-        let viable = self.sizes.iter().filter(|size| share(&size.viability) >= COT_VIABILITY);
-        let cot: Vec<_> = viable.flat_map(|size| size.cot.iter().copied()).collect();
+        let viability: Vec<_> = self.cells.iter().flat_map(|cell| cell.viability.iter().copied()).collect();
+        let viable = self.cells.iter().filter(|cell| share(&cell.viability) >= COT_VIABILITY);
+        let cot: Vec<_> = viable.flat_map(|cell| cell.cot.iter().copied()).collect();
         let defined =
             |pairs: &[(f32, f32)], score: fn(&[(f32, f32)]) -> f64| (!pairs.is_empty()).then(|| score(pairs));
         let summary = |kind: Kind, n: usize| Summary {
@@ -169,14 +137,14 @@ impl Calibration {
         ]
     }
 
-    fn row(&self, kind: Kind, size: &Compared, pairs: &[(f32, f32)]) -> Row {
+    fn row(&self, kind: Kind, cell: &Collected, pairs: &[(f32, f32)]) -> Row {
         let (predicted_mean, predicted_std) = spread(pairs, |(predicted, _)| predicted);
         let (collected_mean, collected_std) = spread(pairs, |(_, collected)| collected);
         Row {
             skill: self.skill.clone(),
             kind,
-            terrain: size.terrain,
-            size_m: size.size_m,
+            terrain: cell.terrain,
+            size_m: cell.size_m,
             n: pairs.len(),
             collected_mean,
             collected_std,
@@ -184,21 +152,6 @@ impl Calibration {
             predicted_std,
         }
     }
-}
-
-type Pairs = Vec<(f32, f32)>;
-
-fn compare(samples: &[Sample], predictors: &mut Predictors) -> Result<(Pairs, Pairs), ModelError> {
-    let (mut viability, mut cot) = (Vec::with_capacity(samples.len()), Vec::new());
-    for sample in samples {
-        let reached = sample.rollout.outcome == Outcome::Reached;
-        let collected = if reached { 1.0 } else { 0.0 };
-        viability.push((predictors.viability.predict(&sample.field)?, collected));
-        if let Some(collected) = sample.rollout.cot_positive.filter(|_| reached) {
-            cot.push((predictors.cot.predict(&sample.field)?, collected as f32));
-        }
-    }
-    Ok((viability, cot))
 }
 
 /// Collected mean; 0 of nothing.
@@ -219,7 +172,8 @@ mod tests {
     use super::*;
 
     fn calibration() -> Calibration {
-        let size = |size_m: f32, viability: &[(f32, f32)], cot: &[(f32, f32)]| Compared {
+        let size = |size_m: f32, viability: &[(f32, f32)], cot: &[(f32, f32)]| Collected {
+            skill: "ascend".into(),
             terrain: TerrainKind::StairsUp,
             size_m,
             viability: viability.to_vec(),
@@ -227,7 +181,7 @@ mod tests {
         };
         let low = size(0.1, &[(0.9, 1.0), (0.8, 1.0)], &[(0.5, 0.4), (0.7, 0.8)]);
         let high = size(0.3, &[(0.2, 0.0), (0.1, 0.0), (0.4, 1.0), (0.3, 0.0)], &[(9.0, 1.0)]);
-        Calibration { skill: "ascend".into(), sizes: vec![low, high] }
+        Calibration { skill: "ascend".into(), cells: vec![low, high] }
     }
 
     #[test]
@@ -255,7 +209,7 @@ mod tests {
     #[test]
     fn a_size_without_any_success_has_no_cost() {
         let mut calibration = calibration();
-        calibration.sizes[1].cot.clear();
+        calibration.cells[1].cot.clear();
         let row = &calibration.rows()[3];
         assert_eq!((row.n, row.collected_mean, row.predicted_mean), (0, None, None));
     }

@@ -6,6 +6,7 @@ mod arena_args;
 mod calibration;
 mod calibration_figures;
 mod calibration_page;
+mod cells;
 mod course;
 mod handover;
 mod novelty;

@@ -36,6 +36,7 @@ use vocaloco_sim::{
     threads::with_threads,
 };
 
+use super::cells::{Actor, MadeBy, cell, query_of};
 use super::store::Store;
 use super::who::Who;
 
@@ -51,12 +52,6 @@ pub(super) struct Variation {
     /// The most viable skill wins, whatever it costs.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(super) without_cost: bool,
-}
-
-/// A skill that can be rolled out, with what its behaviour depends on.
-struct Actor {
-    rolled: RolledSkill,
-    id: SkillId,
 }
 
 /// A skill of the deployment, as results depend on it.
@@ -283,52 +278,19 @@ impl Arena {
         progress: &(dyn Fn() + Sync),
     ) -> anyhow::Result<Collected> {
         let size_m = if terrain == TerrainKind::Flat { 0.0 } else { size_m };
-        let member = self.members.iter().find(|member| member.id.name == skill);
-        let member = member.with_context(|| format!("`{skill}` is not in the deployment"))?;
-        let key = serde_json::json!({
-            "experiment": "collected",
-            "made_by": self.made_by(),
-            "skill": member.id,
-            "predictors": [member.viability_sha256, member.cot_sha256],
-            "terrain": terrain,
-            "size_m": size_m,
-            "samples": sampling.samples,
-            "seed": sampling.seed,
-            "field_noise_m": sampling.field_noise_m,
-            "patch_noise_m": sampling.patch_noise_m,
-        });
-        let measure = || {
-            let description = &self.robot.description;
-            let loaded = load_skill(&self.installation, skill, description, ModelPolicy::Required)?;
-            let missing = || anyhow!("skill {skill}: found no predictors, wanted both");
-            let mut predictors = Predictors {
-                viability: loaded.viability.ok_or_else(missing)?,
-                cot: loaded.cot.ok_or_else(missing)?,
-            };
-            let query = Query {
-                field_noise_m: sampling.field_noise_m,
-                patch_noise_m: sampling.patch_noise_m,
-                ..Query::new(terrain, size_m, sampling.samples, sampling.seed)
-            };
-            let rolled = &self.actor(skill)?.rolled;
-            let work = || collect(&self.robot, rolled, &mut predictors, &query, progress);
-            Ok(with_threads(self.threads, work)??)
+        let query = Query {
+            field_noise_m: sampling.field_noise_m,
+            patch_noise_m: sampling.patch_noise_m,
+            ..Query::new(terrain, size_m, sampling.samples, sampling.seed)
         };
-        let standing = || (0..sampling.samples).for_each(|_| progress());
-        self.store.result(&format!("collected-{skill}-{terrain}-{size_m}"), &key, standing, measure)
+        let actor = self.actor(skill)?;
+        let loaded = load_skill(&self.installation, skill, &self.robot.description, ModelPolicy::Required)?;
+        let query = query_of(&loaded, query);
+        cell((&self.store, self.threads), &self.installation, &self.robot, actor, &query, progress)
     }
 
     fn actor(&self, name: &str) -> anyhow::Result<&Actor> {
         self.actors.get(name).with_context(|| format!("skill {name} is not loaded"))
-    }
-
-    fn made_by(&self) -> MadeBy {
-        MadeBy {
-            version: env!("CARGO_PKG_VERSION"),
-            backend: backend().name.to_owned(),
-            simulator: identity::simulator(PlantKind::Reference),
-            robot: identity::robot(&self.robot),
-        }
     }
 
     /// Everything that a row depends on.
@@ -351,7 +313,7 @@ impl Arena {
         };
         Ok(serde_json::json!({
             "experiment": "success",
-            "made_by": self.made_by(),
+            "made_by": MadeBy::this(&self.robot, PlantKind::Reference),
             "who": who,
             "chooser": chooser,
             "n": n,
@@ -367,25 +329,6 @@ fn sampling(config: &CourseConfig, samples: u64) -> Sampling {
         seed: config.seed,
         field_noise_m: config.field_noise_m,
         patch_noise_m: config.noise.patch_m,
-    }
-}
-
-#[derive(Serialize)]
-struct MadeBy {
-    version: &'static str,
-    backend: String,
-    simulator: SimulatorId,
-    robot: RobotId,
-}
-
-impl Actor {
-    fn new(installation: &Installation, skill: &LoadedSkill, robot: &RobotModel) -> anyhow::Result<Self> {
-        let rolled = RolledSkill::from_loaded(skill, robot)?;
-        let folder: &Path = &installation.root.join("plugins").join(&skill.manifest.plugin);
-        let source = identity::source_sha256(folder)
-            .with_context(|| format!("sources of the plugin in {}", folder.display()))?;
-        let id = identity::skill(&rolled, source);
-        Ok(Self { rolled, id })
     }
 }
 

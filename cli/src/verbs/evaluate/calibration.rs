@@ -2,17 +2,15 @@
 
 use std::path::PathBuf;
 
-use anyhow::{Context, anyhow, ensure};
+use anyhow::{Context, ensure};
 use serde_json::json;
 use vocaloco_core::predictor::backend;
-use vocaloco_sim::calibration::{Calibration, Predictors, Row, Summary};
-use vocaloco_sim::collect::CollectConfig;
-use vocaloco_sim::dataset::Kind;
+use vocaloco_sim::calibration::{Calibration, Row, Summary};
 use vocaloco_sim::evaluate::Query;
-use vocaloco_sim::rollout::RolledSkill;
 use vocaloco_sim::terrain::TerrainKind;
-use vocaloco_sim::threads::with_threads;
 
+use super::cells::{Actor, cell, missing, query_of};
+use super::store::Store;
 use super::viability::parse_terrain;
 use super::{calibration_figures, calibration_page};
 use crate::exit::Exit;
@@ -43,6 +41,13 @@ pub(crate) struct Args {
     /// Uniform noise on every height that the plugin sees, ± metres
     #[arg(long, default_value_t = 0.02, value_name = "M")]
     patch_noise_m: f32,
+    /// Folder of what was measured, where `evaluate all` looks too: a killed run goes on, and what stands is not
+    /// measured twice
+    #[arg(long, default_value = "out/measured", value_name = "DIR")]
+    store: PathBuf,
+    /// Measure even what stands
+    #[arg(long)]
+    fresh: bool,
     /// Threads; 0 for as many as there are processors
     #[arg(long, default_value_t = 0, value_name = "N")]
     threads: usize,
@@ -70,14 +75,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     for size_m in &args.size_m {
         ensure!((0.0..=2.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 2");
     }
+    let store = Store::open(&args.store, args.fresh)?;
     // All are loaded before the first is rolled out: what is missing is said at once.
     let subjects = args.skill.iter().map(|skill| Subject::load(&args.robot, skill));
-    let mut subjects = subjects.collect::<anyhow::Result<Vec<_>>>()?;
+    let subjects = subjects.collect::<anyhow::Result<Vec<_>>>()?;
     let pieces = args.samples * (args.size_m.len() * args.terrain.len()) as u64;
     let (mut rows, mut summaries) = (Vec::new(), Vec::new());
-    for subject in &mut subjects {
-        let bar = progress::bar(&subject.skill.name, pieces);
-        let calibration = subject.measure(args, &|| bar.inc(1));
+    for subject in &subjects {
+        let bar = progress::bar(&subject.actor.id.name, pieces);
+        let calibration = subject.measure(args, &store, &|| bar.inc(1));
         bar.finish_and_clear();
         let calibration = calibration?;
         rows.extend(calibration.rows());
@@ -89,47 +95,40 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
 
 struct Subject {
     rolled: Rolled,
-    skill: RolledSkill,
-    predictors: Predictors,
+    actor: Actor,
 }
 
 impl Subject {
     fn load(robot: &str, name: &str) -> anyhow::Result<Self> {
-        let mut rolled = Rolled::load(robot, name)?;
-        let missing = |kind: &str| {
-            anyhow!(
-                "skill {name}: found no {kind}.onnx, wanted both predictors; `vocaloco train --skill {name}` makes them"
-            )
-        };
-        let predictors = Predictors {
-            viability: rolled.loaded.viability.take().ok_or_else(|| missing("viability"))?,
-            cot: rolled.loaded.cot.take().ok_or_else(|| missing("cot"))?,
-        };
-        let skill = rolled.skill.clone();
-        Ok(Self { rolled, skill, predictors })
+        let rolled = Rolled::load(robot, name)?;
+        for (kind, predictor) in [("viability", &rolled.loaded.viability), ("cot", &rolled.loaded.cot)] {
+            ensure!(predictor.is_some(), missing(name, kind));
+        }
+        let actor = Actor::new(&rolled.installation, &rolled.loaded, &rolled.robot)?;
+        Ok(Self { rolled, actor })
     }
 
-    fn measure(&mut self, args: &Args, progress: &(dyn Fn() + Sync)) -> anyhow::Result<Calibration> {
-        let own =
-            CollectConfig::new(Kind::Viability, 0).for_skill(&self.rolled.loaded.manifest.rollout).rollout;
-        let mut calibration = Calibration::of(&self.skill.name);
+    fn measure(
+        &self,
+        args: &Args,
+        store: &Store,
+        progress: &(dyn Fn() + Sync),
+    ) -> anyhow::Result<Calibration> {
+        let Rolled { installation, robot, loaded, .. } = &self.rolled;
+        let mut cells = Vec::new();
         for terrain in &args.terrain {
             for size_m in &args.size_m {
                 let query = Query {
-                    rules: own,
                     patch_noise_m: args.patch_noise_m,
                     field_noise_m: args.field_noise_m,
                     plant: args.plant.into(),
                     ..Query::new(*terrain, *size_m, args.samples, args.shared.seed)
                 };
-                let Self { rolled, skill, predictors } = &mut *self;
-                let measured = with_threads(args.threads, || {
-                    calibration.measure(&rolled.robot, skill, predictors, &query, progress)
-                })?;
-                measured.with_context(|| format!("skill {} on {terrain} of {size_m} m", skill.name))?;
+                let (query, store) = (query_of(loaded, query), (store, args.threads));
+                cells.push(cell(store, installation, robot, &self.actor, &query, progress)?);
             }
         }
-        Ok(calibration)
+        Ok(Calibration::of(&self.actor.id.name, cells))
     }
 }
 

@@ -4,6 +4,7 @@
 mod claims;
 mod figures;
 mod findings;
+mod pictures;
 mod plan;
 mod tables;
 
@@ -20,7 +21,7 @@ use super::arena::Arena;
 use super::course::palette;
 use super::store::Store;
 use super::who::Who;
-use crate::report::{ClaimLine, Figure, Inks, Paper};
+use crate::report::{ClaimLine, Figure, Paper};
 use crate::{exit::Exit, output, progress, verbs::Shared};
 
 /// Measures everything that the paper reports, and writes it down beside its claims.
@@ -116,10 +117,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     };
     write(&args.out.join("report.json"), &(serde_json::to_string_pretty(&summary)? + "\n"))?;
     tables::write(&args.out.join("tables"), &evidence, &claims)?;
-    for figure in &figures {
-        let path = args.out.join("figures").join(format!("{}.svg", figure.id));
-        write(&path, &figure.svg(1060.0, Inks::Print))?;
-    }
+    pictures::write(&args.out.join("figures"), &figures)?;
     let page = args.out.join("report.html");
     write(&page, &paper(&summary, &arena, &baseline, findings, figures).html()?)?;
     if args.shared.json {
