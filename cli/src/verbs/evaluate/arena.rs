@@ -2,36 +2,30 @@
 //! the store.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use vocaloco_core::{
     heightfield::Field,
-    predictor::{Predictor, backend},
-};
-use vocaloco_core::{
     installation::Installation,
     manifest::Selection,
+    predictor::Predictor,
     registry::{LoadedSkill, ModelPolicy, load_deployment, load_skill},
     robot::RobotModel,
     runtime::{CallFault, Predict, Runtime, RuntimeConfig, Skill},
     selector::Prediction,
 };
 use vocaloco_sim::{
-    calibration::Predictors,
-    collected::{Collected, collect},
+    collected::Collected,
     course::{
         CourseConfig, CourseError, CourseRun, Crew, Ground, Oracle, Runtimes, Selector, SuccessRow, Worth,
         roll_out, success,
     },
-    dataset::{RobotId, SimulatorId, SkillId},
+    dataset::SkillId,
     evaluate::Query,
-    identity,
     plant::PlantKind,
-    rollout::RolledSkill,
     terrain::TerrainKind,
     threads::with_threads,
 };
@@ -49,6 +43,9 @@ pub(super) struct Variation {
     /// One threshold for every skill.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) threshold: Option<f32>,
+    /// What the oracle knows was collected over this horizon, m, with a time limit in proportion.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) horizon_m: Option<f32>,
     /// The most viable skill wins, whatever it costs.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(super) without_cost: bool,
@@ -72,6 +69,8 @@ pub(super) struct Sampling {
     pub(super) seed: u64,
     pub(super) field_noise_m: f32,
     pub(super) patch_noise_m: f32,
+    /// Another horizon than each skill's own, m.
+    pub(super) horizon_m: Option<f32>,
 }
 
 /// A deployment to measure with.
@@ -217,7 +216,7 @@ impl Arena {
                     Selector::Runtime(&chosen)
                 }
                 Who::Oracle => {
-                    chosen = self.oracles(config.size_m, sampling(config, samples))?;
+                    chosen = self.oracles(config.size_m, sampling(config, samples, variation))?;
                     Selector::Runtime(&chosen)
                 }
             };
@@ -240,7 +239,7 @@ impl Arena {
                 return Ok((roll_out(&self.robot, config, &selector)?, None));
             }
             Who::Vocaloco => self.runtimes(who, variation),
-            Who::Oracle => self.oracles(config.size_m, sampling(config, samples))?,
+            Who::Oracle => self.oracles(config.size_m, sampling(config, samples, variation))?,
         };
         let setup = runtimes
             .with(|crew| Ok(vocaloco_core::decision_log::Setup::of(&crew.runtime, &self.deployment)))?;
@@ -285,7 +284,11 @@ impl Arena {
         };
         let actor = self.actor(skill)?;
         let loaded = load_skill(&self.installation, skill, &self.robot.description, ModelPolicy::Required)?;
-        let query = query_of(&loaded, query);
+        let mut query = query_of(&loaded, query);
+        if let Some(horizon_m) = sampling.horizon_m.map(f64::from) {
+            query.rules.time_limit_s *= horizon_m / query.rules.horizon_m;
+            query.rules.horizon_m = horizon_m;
+        }
         cell((&self.store, self.threads), &self.installation, &self.robot, actor, &query, progress)
     }
 
@@ -308,7 +311,7 @@ impl Arena {
             }
             Who::Oracle => {
                 let ids: Vec<_> = self.members.iter().map(|member| (&member.id, &member.selection)).collect();
-                serde_json::json!({ "members": ids, "rules": self.rules, "samples": samples })
+                serde_json::json!({ "members": ids, "rules": self.rules, "samples": samples, "variation": variation })
             }
         };
         Ok(serde_json::json!({
@@ -323,12 +326,13 @@ impl Arena {
     }
 }
 
-fn sampling(config: &CourseConfig, samples: u64) -> Sampling {
+fn sampling(config: &CourseConfig, samples: u64, variation: Variation) -> Sampling {
     Sampling {
         samples,
         seed: config.seed,
         field_noise_m: config.field_noise_m,
         patch_noise_m: config.noise.patch_m,
+        horizon_m: variation.horizon_m,
     }
 }
 

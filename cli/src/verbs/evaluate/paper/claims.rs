@@ -9,8 +9,9 @@ pub(super) use choosing::ThresholdPoint;
 use serde::Serialize;
 use vocaloco_sim::course::SuccessRow;
 
-use super::findings::{Findings, Roles};
+use super::findings::Findings;
 use super::plan::Plan;
+use super::roles::Roles;
 
 /// Whether a claim holds here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -1,5 +1,6 @@
 //! The paper's figures and the ablations', from what was measured.
 
+mod ablating;
 mod choosing;
 mod danger;
 mod predicting;
@@ -16,7 +17,12 @@ pub(super) fn figures(evidence: &Evidence<'_>) -> Vec<Figure> {
     figures.push(timeline::timeline(evidence));
     figures.push(choosing::energy(evidence));
     figures.extend(danger::maps(evidence));
-    figures.extend([choosing::window(evidence), choosing::threshold(evidence), choosing::fill(evidence)]);
+    figures.extend([
+        ablating::window(evidence),
+        ablating::horizon(evidence),
+        ablating::threshold(evidence),
+        ablating::fill(evidence),
+    ]);
     figures
 }
 

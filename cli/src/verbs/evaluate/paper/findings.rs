@@ -36,6 +36,8 @@ pub(super) struct Findings {
     pub(super) mixed: Vec<SuccessRow>,
     /// By window, ticks.
     pub(super) windows: Vec<(usize, SuccessRow)>,
+    /// The oracle's, by the horizon of what it knows, m.
+    pub(super) horizons: Vec<(f32, SuccessRow)>,
     /// By one threshold for all skills.
     pub(super) thresholds: Vec<(f32, SuccessRow)>,
     /// By what the predictors see.
@@ -114,6 +116,7 @@ impl Measuring<'_> {
         let ablations = both
             * plan.ablation_rollouts
             * (plan.windows.len() * plan.window_sizes_m.len()
+                + plan.horizons_m.len() * plan.horizon_sizes_m.len()
                 + plan.thresholds.len() * plan.threshold_sizes_m.len()
                 + 3 * plan.camera_sizes_m.len()) as u64;
         skills * plan.samples * (1 + both * sizes)
@@ -129,6 +132,7 @@ impl Measuring<'_> {
             success: self.success()?,
             mixed: self.mixed()?,
             windows: self.windows()?,
+            horizons: self.horizons()?,
             thresholds: self.thresholds()?,
             sights: self.sights()?,
         })
@@ -136,7 +140,13 @@ impl Measuring<'_> {
 
     fn sampling(&self) -> Sampling {
         // The noise of the protocol, as courses have it too.
-        Sampling { samples: self.plan.samples, seed: self.plan.seed, field_noise_m: 0.1, patch_noise_m: 0.02 }
+        Sampling {
+            samples: self.plan.samples,
+            seed: self.plan.seed,
+            field_noise_m: 0.1,
+            patch_noise_m: 0.02,
+            horizon_m: None,
+        }
     }
 
     fn cells(&self) -> anyhow::Result<Vec<Collected>> {
@@ -213,6 +223,24 @@ impl Measuring<'_> {
             let variation = Variation { window: Some(*window), ..Variation::default() };
             for row in self.ablation(variation, &self.plan.window_sizes_m, Occlusion::None)? {
                 rows.push((*window, row));
+            }
+        }
+        Ok(rows)
+    }
+
+    fn horizons(&self) -> anyhow::Result<Vec<(f32, SuccessRow)>> {
+        let mut rows = Vec::new();
+        for horizon_m in &self.plan.horizons_m {
+            let variation = Variation { horizon_m: Some(*horizon_m), ..Variation::default() };
+            for course in STAIRS {
+                for size_m in &self.plan.horizon_sizes_m {
+                    let (config, n) = (self.config(course, *size_m), self.plan.ablation_rollouts);
+                    self.bar
+                        .set_message(format!("horizon {horizon_m} m on {} of {size_m:.3} m", course.id()));
+                    let (who, samples) = ((&Who::Oracle, variation), self.plan.horizon_samples);
+                    let row = self.arena.row(&config, n, who, samples, &|n| self.bar.inc(n))?;
+                    rows.push((*horizon_m, row));
+                }
             }
         }
         Ok(rows)
@@ -350,45 +378,4 @@ impl Findings {
     pub(super) fn row(&self, selector: &str, course: CourseKind, size_m: f32) -> Option<&SuccessRow> {
         self.rows(selector, course).into_iter().find(|row| row.size_m == size_m)
     }
-
-    /// Skills by what they turned out to be good at; none without cells.
-    pub(super) fn roles(&self, skills: &[&str]) -> Option<Roles> {
-        let sum = |skill: &&str, terrain| -> f64 {
-            self.cells_of(skill, terrain).iter().map(|cell| cell.viable().mean).sum()
-        };
-        let best = |terrain| {
-            let by_sum = |a: &&&str, b: &&&str| sum(a, terrain).total_cmp(&sum(b, terrain));
-            // Of equals the first in the deployment.
-            skills.iter().rev().max_by(by_sum).map(|skill| (*skill).to_owned())
-        };
-        let cost = |skill: &&str| {
-            let cell = self.cell(skill, TerrainKind::Flat, 0.0)?;
-            (cell.viable().mean >= 0.9).then(|| cell.cost().map(|cost| cost.mean)).flatten()
-        };
-        let cheapest = skills
-            .iter()
-            .filter(|skill| cost(skill).is_some())
-            .min_by(|a, b| cost(a).unwrap_or(f64::NAN).total_cmp(&cost(b).unwrap_or(f64::NAN)));
-        let both = |skill: &&str| sum(skill, TerrainKind::StairsUp) + sum(skill, TerrainKind::StairsDown);
-        let robust = skills.iter().rev().max_by(|a, b| both(a).total_cmp(&both(b)));
-        Some(Roles {
-            robust: (*robust?).to_owned(),
-            level: (*cheapest?).to_owned(),
-            up: best(TerrainKind::StairsUp)?,
-            down: best(TerrainKind::StairsDown)?,
-        })
-    }
-}
-
-/// What skills turned out to be good at: no name is known beforehand.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct Roles {
-    /// Cheapest on flat ground of those that are 90 % viable there.
-    pub(super) level: String,
-    /// Most viable up stairs, all heights together.
-    pub(super) up: String,
-    /// The same down stairs.
-    pub(super) down: String,
-    /// The same on both.
-    pub(super) robust: String,
 }

@@ -6,6 +6,7 @@ mod figures;
 mod findings;
 mod pictures;
 mod plan;
+mod roles;
 mod tables;
 
 use std::path::{Path, PathBuf};
@@ -66,7 +67,7 @@ struct Summary<'a> {
     backend: &'a str,
     deployment: &'a str,
     baseline: &'a str,
-    roles: &'a findings::Roles,
+    roles: &'a roles::Roles,
     plan: &'a Plan,
     claims: &'a [Claim],
 }

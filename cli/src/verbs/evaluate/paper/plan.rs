@@ -26,6 +26,10 @@ pub(super) struct Plan {
     /// Windows compared, ticks, on stairs of these heights, m.
     pub(super) windows: Vec<usize>,
     pub(super) window_sizes_m: Vec<f32>,
+    /// Horizons compared, m, on stairs of these heights, m, with as many poses a skill, terrain and height.
+    pub(super) horizons_m: Vec<f32>,
+    pub(super) horizon_sizes_m: Vec<f32>,
+    pub(super) horizon_samples: u64,
     /// Thresholds compared, on stairs of these heights, m.
     pub(super) thresholds: Vec<f32>,
     pub(super) threshold_sizes_m: Vec<f32>,
@@ -51,6 +55,9 @@ impl Plan {
             wall_size_m: 0.4,
             windows: vec![1, 5, 10, 20],
             window_sizes_m: vec![0.1, 0.15, 0.2],
+            horizons_m: vec![0.75, 1.5, 2.5],
+            horizon_sizes_m: vec![0.1, 0.2, 0.3],
+            horizon_samples: 100,
             thresholds: vec![0.5, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99],
             threshold_sizes_m: vec![0.05, 0.1, 0.15, 0.25, 0.3, 0.35, 0.4],
             camera_sizes_m: vec![0.1, 0.15, 0.2, 0.3, 0.4],
@@ -68,6 +75,8 @@ impl Plan {
             mixed_sizes_m: vec![0.1],
             windows: vec![1, 10, 20],
             window_sizes_m: vec![0.1],
+            horizons_m: vec![0.75, 1.5],
+            horizon_sizes_m: vec![0.2],
             thresholds: vec![0.5, 0.9, 0.99],
             threshold_sizes_m: vec![0.1, 0.4],
             camera_sizes_m: vec![0.15],
@@ -83,6 +92,7 @@ impl Plan {
             self.ablation_rollouts = self.ablation_rollouts.min(rollouts);
         }
         self.samples = samples.unwrap_or(self.samples);
+        self.horizon_samples = self.horizon_samples.min(self.samples);
         self
     }
 }

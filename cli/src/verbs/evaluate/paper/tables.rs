@@ -17,6 +17,7 @@ pub(super) fn write(folder: &Path, evidence: &Evidence<'_>, claims: &[Claim]) ->
     table(folder, "mixed", &findings.mixed)?;
     table(folder, "camera", &findings.sights)?;
     table(folder, "window", &with("window_ticks", &findings.windows)?)?;
+    table(folder, "horizon", &with("horizon_m", &findings.horizons)?)?;
     table(folder, "threshold", &with("threshold", &findings.thresholds)?)?;
     table(folder, "threshold_curve", &evidence.threshold_curve())?;
     let cells: Vec<Value> = findings

@@ -1,16 +1,10 @@
-//! Figures of success, energy, and of what the method's parts do.
+//! Figures of success and energy: who chooses, and what comes of it.
 
-use std::collections::BTreeMap;
-
-use vocaloco_sim::{
-    course::SuccessRow,
-    occlusion::{DROP_M, Occlusion},
-    terrain::CourseKind,
-};
+use vocaloco_sim::{course::SuccessRow, terrain::CourseKind};
 
 use super::super::claims::Evidence;
 use super::super::findings::{STAIRS, WITHOUT_COST};
-use super::{HEIGHT, cm, heights};
+use super::{cm, heights};
 use crate::report::{Axis, Figure, Ink, Key, Mark, Marker, Panel, Style};
 
 /// Outcomes from the bottom of a bar up.
@@ -23,7 +17,7 @@ fn outcomes(row: &SuccessRow) -> [(Ink, f64); 4] {
     ]
 }
 
-fn outcome_legend() -> Vec<Key> {
+pub(super) fn outcome_legend() -> Vec<Key> {
     let key = |ink, text: &str| Key::Fill(ink, text.to_owned());
     vec![
         key(Ink::Reached, "reached"),
@@ -34,7 +28,7 @@ fn outcome_legend() -> Vec<Key> {
 }
 
 /// One bar of shares that add up to 1.
-fn stacked(row: &SuccessRow, x: [f64; 2]) -> Vec<Mark> {
+pub(super) fn stacked(row: &SuccessRow, x: [f64; 2]) -> Vec<Mark> {
     let mut from = 0.0;
     let bar = |(ink, share): (Ink, f64)| {
         let y = [from, from + share];
@@ -44,7 +38,7 @@ fn stacked(row: &SuccessRow, x: [f64; 2]) -> Vec<Mark> {
     outcomes(row).into_iter().map(bar).collect()
 }
 
-fn words(course: CourseKind) -> &'static str {
+pub(super) fn words(course: CourseKind) -> &'static str {
     match course {
         CourseKind::StairsUp => "stairs up",
         CourseKind::StairsDown => "stairs down",
