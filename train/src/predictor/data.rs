@@ -22,6 +22,8 @@ pub struct DataSet {
     pub samples: Vec<Sample>,
     /// Rows in the files that are not fitted.
     pub left_out: usize,
+    /// Seed of its rows.
+    pub seed: u64,
     /// How it was collected, as one line of Markdown.
     pub collected_by: String,
     terrain: BTreeMap<&'static str, Range>,
@@ -63,6 +65,7 @@ impl DataSet {
         let sha256 = dataset::sha256(&folder)?;
         Ok(Self {
             robot: set.meta.robot.name.clone(),
+            seed: set.meta.config.seed,
             collected_by: collected_by(&set)?,
             samples: samples(&set),
             left_out: set.trainable.iter().filter(|trainable| !**trainable).count(),

@@ -159,6 +159,12 @@ pub fn fit(
     Ok(Fitted { parameters, history, best, held_out_rows: held_out.len(), kept_back })
 }
 
+/// What a fitted network answers to samples, each with its label.
+pub fn answered(parameters: &[f32], head: Head, samples: &[Sample]) -> Vec<(f32, f32)> {
+    let fields: Vec<&FieldCells> = samples.iter().map(|sample| &sample.field).collect();
+    answers(parameters, head, &fields).into_iter().zip(samples.iter().map(|sample| sample.label)).collect()
+}
+
 fn check(
     samples: &[Sample],
     trained_on: &[&Sample],

@@ -14,12 +14,13 @@ use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use vocaloco_core::installation::Installation;
+use vocaloco_sim::dataset::META_FILE;
 use vocaloco_sim::identity::sha256_hex;
 use vocaloco_sim::scores;
 
 use super::data::DataSet;
 use super::export::{Origin, onnx, output_name};
-use super::fit::{Fitted, Options, fit};
+use super::fit::{Fitted, Options, answered, fit};
 use super::known::{self, Flags};
 use super::sgd::Head;
 use super::threshold::{Promise, Risk, promise};
@@ -65,6 +66,10 @@ pub struct Args {
     /// Terrain is unsafe, for those thresholds, where a smaller share of the rollouts succeeds.
     #[arg(long, default_value_t = 0.5, value_parser = share, value_name = "SHARE")]
     required_viability: f64,
+    /// Folder of other data sets, of another seed, from whose rows thresholds are computed instead of from those
+    /// kept back; with several rollouts a row, what is unsafe is better known.
+    #[arg(long, value_name = "FOLDER")]
+    thresholds_from: Option<PathBuf>,
     /// Write the threshold of this α into the skill's manifest.
     #[arg(long, value_parser = share, value_name = "ALPHA")]
     write_threshold: Option<f64>,
@@ -154,11 +159,13 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         args.kind.heads().iter().map(|head| Ok((*head, DataSet::read(&args.data, &args.skill, *head)?)));
     // Both sets are read before either is fitted: what is missing is said at once.
     let sets = sets.collect::<anyhow::Result<Vec<_>>>()?;
+    let thresholds_from = args.thresholds_from.as_deref().filter(|_| args.kind != Kind::Cot);
+    let other = thresholds_from.map(|folder| other_rows(folder, &args.skill, &sets[0].1)).transpose()?;
     let mut reports = Vec::new();
     for (head, set) in &sets {
         let fitted = fit_with_progress(&pool, set, *head, &args.options())
             .with_context(|| set.folder.display().to_string())?;
-        reports.push(write(args, &folder, set, *head, &fitted)?);
+        reports.push(write(args, &folder, (set, other.as_ref()), *head, &fitted)?);
     }
     if let Some(alpha) = args.write_threshold {
         let promise = reports.iter().flat_map(|report| &report.promises).find(|p| p.risk.alpha == alpha);
@@ -167,6 +174,20 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
     }
     print(args, &reports)?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// The rows that thresholds are computed from where they are not those kept back: of another seed, since rows of
+/// one seed have the same terrain and pose.
+fn other_rows(folder: &Path, skill: &str, trained: &DataSet) -> anyhow::Result<DataSet> {
+    let set = DataSet::read(folder, skill, Head::Sigmoid)?;
+    ensure!(
+        set.seed != trained.seed,
+        "{}: config.seed: found {}, the training data's, wanted another: the same rows would be promised with that \
+         were trained on",
+        set.folder.join(META_FILE).display(),
+        set.seed
+    );
+    Ok(set)
 }
 
 impl Args {
@@ -216,6 +237,9 @@ impl Args {
                 alpha.join(","),
                 self.required_viability
             );
+            if let Some(folder) = &self.thresholds_from {
+                let _ = write!(command, " --thresholds-from {}", folder.display());
+            }
         }
         format!("{command} --seed {}", self.seed)
     }
@@ -239,7 +263,13 @@ fn fit_with_progress(
     Ok(fitted?)
 }
 
-fn write(args: &Args, folder: &Path, set: &DataSet, head: Head, fitted: &Fitted) -> anyhow::Result<Report> {
+fn write(
+    args: &Args,
+    folder: &Path,
+    (set, other): (&DataSet, Option<&DataSet>),
+    head: Head,
+    fitted: &Fitted,
+) -> anyhow::Result<Report> {
     let kind = output_name(head);
     let origin = Origin {
         skill: args.skill.clone(),
@@ -252,6 +282,7 @@ fn write(args: &Args, folder: &Path, set: &DataSet, head: Head, fitted: &Fitted)
     let file = folder.join(format!("{kind}.onnx"));
     let viability = head == Head::Sigmoid;
     let pairs = fitted.kept_back.as_slice();
+    let promised = other.map(|other| answered(&fitted.parameters, head, &other.samples));
     let report = Report {
         kind,
         sha256: sha256_hex(&bytes),
@@ -269,13 +300,13 @@ fn write(args: &Args, folder: &Path, set: &DataSet, head: Head, fitted: &Fitted)
         auc: if viability { scores::auc(pairs) } else { None },
         mae: (!viability).then(|| scores::mae(pairs)),
         r2: if viability { None } else { scores::r2(pairs) },
-        promises: args.promises(head, pairs),
+        promises: args.promises(head, promised.as_deref().unwrap_or(pairs)),
         flags: known.map(|fitted| fitted.flags),
         file,
     };
     std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     write_whole(&report.file, &bytes)?;
-    let section = section::section(args, set, head, fitted, &report);
+    let section = section::section(args, (set, other), head, fitted, &report);
     card::write_section(folder, &args.skill, &format!("{kind}.onnx"), &section)?;
     Ok(report)
 }

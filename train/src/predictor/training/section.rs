@@ -11,7 +11,13 @@ use super::{Args, Report};
 use crate::card;
 
 /// The section of one model, without its heading.
-pub(super) fn section(args: &Args, set: &DataSet, head: Head, fitted: &Fitted, report: &Report) -> String {
+pub(super) fn section(
+    args: &Args,
+    (set, other): (&DataSet, Option<&DataSet>),
+    head: Head,
+    fitted: &Fitted,
+    report: &Report,
+) -> String {
     let number = |value: Option<f64>| value.map_or("not defined".to_owned(), |value| format!("{value:.4}"));
     let mut rows = vec![
         ("file", format!("sha256 `{}`", report.sha256)),
@@ -49,7 +55,7 @@ pub(super) fn section(args: &Args, set: &DataSet, head: Head, fitted: &Fitted, r
             if let Some(Flags { n, flagged }) = report.flags {
                 rows.push(("kept-back rows flagged as terrain never seen", format!("{flagged} of {n}")));
             }
-            thresholds = promises(&report.promises);
+            thresholds = promises(&report.promises, other);
             (card::viability_histogram(set.labels()), VIABILITY_LIMITS)
         }
         Head::Linear => {
@@ -65,13 +71,20 @@ pub(super) fn section(args: &Args, set: &DataSet, head: Head, fitted: &Fitted, r
 }
 
 /// The thresholds that promise something, and what exactly they promise.
-fn promises(promises: &[Promise]) -> String {
+fn promises(promises: &[Promise], other: Option<&DataSet>) -> String {
     let Some(first) = promises.first() else { return String::new() };
+    let rows = other.map_or("the rows kept back".to_owned(), |other| {
+        format!(
+            "a data set of its own, {} rows, sha256 `{}`, {}",
+            other.samples.len(),
+            other.sha256,
+            other.collected_by
+        )
+    });
     let mut text = format!(
         "Thresholds with a promise: of terrain on which fewer than {:.0} % of the rollouts succeed, drawn as \
-         this data set's rows, at most the share α is predicted at or above the threshold, with 95 % \
-         confidence for each α (fixed-sequence testing, exact binomial bound; computed from the rows kept \
-         back):\n\n\
+         its rows, at most the share α is predicted at or above the threshold, with 95 % \
+         confidence for each α (fixed-sequence testing, exact binomial bound; computed from {rows}):\n\n\
          | α | threshold | unsafe rows | let through | upper bound | other terrain refused |\n\
          |---|---|---|---|---|---|\n",
         100.0 * first.risk.required_viability

@@ -71,9 +71,13 @@ fn row(kind: Kind, row: u64) -> Row {
 }
 
 fn data_set(data: &Path, kind: Kind, skill: &str) {
+    data_set_of(data, kind, skill, 1);
+}
+
+fn data_set_of(data: &Path, kind: Kind, skill: &str, seed: u64) {
     let folder = data.join("walk").join(kind.id());
     std::fs::create_dir_all(&folder).unwrap();
-    meta(kind, skill).write(&folder).unwrap();
+    Meta { config: CollectConfig::new(kind, seed), ..meta(kind, skill) }.write(&folder).unwrap();
     let rows: Vec<Row> = (0..ROWS).map(|index| row(kind, index)).collect();
     write_shard(&folder.join(shard_file(0)), kind, &(0..ROWS), &rows).unwrap();
 }
@@ -132,6 +136,23 @@ fn a_card_says_which_source_collected_its_rows_and_which_rows_its_scores_are_of(
     }
     // Far too few rows for a promise, and it says so.
     assert!(card.contains("| 0.01 | none: too few unsafe rows |"), "{card}");
+}
+
+#[test]
+fn thresholds_may_come_from_other_rows_but_not_from_the_trained_ones() {
+    let [data, other, out] = [(); 3].map(|()| tempfile::tempdir().unwrap());
+    data_set(data.path(), Kind::Viability, "walk");
+    data_set_of(other.path(), Kind::Viability, "walk", 2);
+    let more = ["--kind", "viability", "--thresholds-from", other.path().to_str().unwrap()];
+    train(data.path(), out.path(), &more).unwrap();
+    let unsafe_rows = (0..ROWS).filter(|index| row(Kind::Viability, *index).label < 0.5).count();
+    let card = String::from_utf8(read(out.path(), "CARD.md")).unwrap();
+    let counted = format!("| 0.01 | none: too few unsafe rows | {unsafe_rows} |");
+    assert!(card.contains(&counted) && card.contains("a data set of its own"), "{counted} in {card}");
+
+    data_set_of(other.path(), Kind::Viability, "walk", 1);
+    let error = train(data.path(), out.path(), &more).unwrap_err().to_string();
+    assert!(error.contains("config.seed: found 1"), "{error}");
 }
 
 #[test]
