@@ -63,6 +63,31 @@ fn onnxruntime_answers_as_the_tick_s_networks_do_and_takes_longer_than_the_whole
 }
 
 #[test]
+fn a_soak_misses_no_decision_repeats_all_of_them_and_meets_faults_of_every_source() {
+    let ticks = if cfg!(feature = "peers") { 8000 } else { 4000 };
+    let report = bench(&["soak", "--ticks", &ticks.to_string(), "--seed", "3"]);
+    assert_eq!(report["ticks"], ticks, "{report:#}");
+    for nothing in ["missed", "replay_differs", "unanswered", "unsound_targets"] {
+        assert_eq!(report[nothing], 0, "{nothing}: {report:#}");
+    }
+    assert!(report["rss_growth"].is_f64() && report["judges_growth"] == false, "{report:#}");
+    assert_positive(
+        &report,
+        &["/skills_added", "/skills_removed", "/switches", "/driven_share", "/ticks_per_s"],
+    );
+    let faults = report["faults"].as_object().expect("faults by kind");
+    for source in ["terrain: ", "measurement: ", "prediction: ", "plugin: "] {
+        assert!(faults.keys().any(|kind| kind.starts_with(source)), "{source}: {report:#}");
+    }
+    assert!(
+        faults.keys().any(|kind| kind.ends_with("in its process")),
+        "an isolated plugin failed: {report:#}"
+    );
+    assert!(!faults.contains_key("plugin: other"), "{report:#}");
+    assert!(report["rss_mib"].as_array().is_some_and(|curve| curve.len() >= 8), "{report:#}");
+}
+
+#[test]
 fn rollouts_are_timed_on_either_plant_and_a_peer_that_is_not_there_is_null() {
     for plant in ["reference", "fast"] {
         let python = ["--python", "/nowhere/python3"];

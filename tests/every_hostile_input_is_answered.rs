@@ -186,6 +186,7 @@ fn lines() {
 #[test]
 fn bundles_and_signatures() {
     answered("bundle", 1500);
+    answered("archive", 3000);
     answered("signature", 5000);
 }
 

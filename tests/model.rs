@@ -13,8 +13,18 @@ pub fn constant_model(output: &str, value: f32) -> Vec<u8> {
 }
 
 /// The same for a field of another shape.
-pub fn constant_model_of_shape(output: &str, value: f32, [rows, columns]: [i64; 2]) -> Vec<u8> {
-    let weights = vec![0.0; (rows * columns) as usize];
+pub fn constant_model_of_shape(output: &str, value: f32, shape: [i64; 2]) -> Vec<u8> {
+    linear_model(output, 0.0, value, shape)
+}
+
+/// `value` on flat ground; anywhere else its finite weights come to no usable number.
+pub fn overflowing_model(output: &str, value: f32) -> Vec<u8> {
+    linear_model(output, f32::MAX, value, [31, 11])
+}
+
+/// `weight` times the sum of the cells, plus `value`.
+fn linear_model(output: &str, weight: f32, value: f32, [rows, columns]: [i64; 2]) -> Vec<u8> {
+    let weights = vec![weight; (rows * columns) as usize];
     let transposed = AttributeProto {
         name: "transB".into(),
         r#type: attribute_proto::AttributeType::Int as i32,

@@ -3,7 +3,7 @@
 
 use vocaloco_plugin_api::Command;
 
-use crate::decision::{Decision, Forced, STAND, STOP};
+use crate::decision::{Decision, Forced, STAND, STOP, SkillVerdict};
 use crate::decision_log::Setup;
 use crate::moves::Moves;
 use crate::selector::{Choice, Prediction, Reason, Rule, Selector};
@@ -26,28 +26,55 @@ impl Replayed {
 }
 
 /// Decides every tick again, under `rules` and `windows`, with the predictions that `predict` gives
-/// for a tick and a skill.
-///
-/// What overruled the window then (unknown terrain, unusable measurements, a zero command) does so
-/// again; a plugin that failed, or was late, does so again if it is the active one in the same tick. Skills that
-/// came while the loop ran come again, under the rules they had; those that went on keep `rules`.
+/// for a tick and a skill; see [`Replayer::tick`].
 pub fn replay(
     rules: &[Rule],
     windows: Windows,
     decisions: &[Decision],
     mut predict: impl FnMut(&Decision, usize) -> Prediction,
 ) -> Vec<Replayed> {
-    let mut rules = rules.to_vec();
-    let mut selector = Selector::new(rules.clone());
-    let mut filter = SwitchFilter::new(windows);
-    let (mut predictions, mut reasons) = (Vec::new(), Vec::new());
-    let mut replayed = Vec::with_capacity(decisions.len());
-    for decision in decisions {
+    let mut replayer = Replayer::new(rules.to_vec(), windows);
+    decisions.iter().map(|decision| replayer.tick(decision, &mut predict)).collect()
+}
+
+/// A log being decided over again, tick by tick: one that is too long for memory, or in several files.
+#[derive(Debug)]
+pub struct Replayer {
+    rules: Vec<Rule>,
+    selector: Selector,
+    filter: SwitchFilter,
+    predictions: Vec<Prediction>,
+    reasons: Vec<Reason>,
+}
+
+impl Replayer {
+    /// One that stands at the start of a loop.
+    pub fn new(rules: Vec<Rule>, windows: Windows) -> Self {
+        Self {
+            selector: Selector::new(rules.clone()),
+            rules,
+            filter: SwitchFilter::new(windows),
+            predictions: Vec::new(),
+            reasons: Vec::new(),
+        }
+    }
+
+    /// Decides the next tick again, with the predictions that `predict` gives for it and a skill.
+    ///
+    /// What overruled the window then (unknown terrain, unusable measurements, a zero command) does so
+    /// again; a plugin that failed, or was late, does so again if it is the active one in the same tick. Skills that
+    /// came while the loop ran come again, under the rules they had; those that went on keep `rules`.
+    pub fn tick(
+        &mut self,
+        decision: &Decision,
+        mut predict: impl FnMut(&Decision, usize) -> Prediction,
+    ) -> Replayed {
+        let Self { rules, selector, filter, predictions, reasons } = self;
         if let Some(roster) = &decision.roster {
             let after = roster.iter().map(|skill| (skill.setup.name.as_str(), skill.is_new));
             let moves = Moves::between(rules.iter().map(|rule| rule.name.as_str()), after);
-            let before = std::mem::take(&mut rules);
-            rules = moves.carry(before, |skill| roster[skill].setup.rule()).0;
+            let before = std::mem::take(rules);
+            *rules = moves.carry(before, |skill| roster[skill].setup.rule()).0;
             selector.adopt(rules.clone(), &moves);
             filter.adopt(&moves);
         }
@@ -65,7 +92,7 @@ pub fn replay(
             predictions.clear();
             predictions.extend((0..rules.len()).map(|skill| predict(decision, skill)));
             let [forward, left, yaw_rate] = decision.command;
-            choice = selector.choose(&predictions, &Command::velocity(forward, left, yaw_rate), &mut reasons);
+            choice = selector.choose(predictions, &Command::velocity(forward, left, yaw_rate), reasons);
             let verdict = match filter.active() {
                 Active::Skill(skill) => reasons.get(skill).copied(),
                 Active::Stand => None,
@@ -90,7 +117,7 @@ pub fn replay(
             }
         }
         let name = |skill: usize| rules[skill].name.clone();
-        replayed.push(Replayed {
+        Replayed {
             choice: match choice {
                 Choice::Stop => STOP.to_owned(),
                 Choice::Skill(skill) => name(skill),
@@ -101,14 +128,19 @@ pub fn replay(
                 Active::Stand => STAND.to_owned(),
                 Active::Skill(skill) => name(skill),
             },
-        });
+        }
     }
-    replayed
+
+    /// Decides the next tick again, with the recorded predictions.
+    pub fn as_recorded(&mut self, decision: &Decision) -> Replayed {
+        self.tick(decision, |decision, skill| {
+            decision.skills.get(skill).map_or(Prediction::NONE, SkillVerdict::prediction)
+        })
+    }
 }
 
 /// The recorded predictions under the recorded rules: what must come out as it did.
 pub fn as_recorded(setup: &Setup, decisions: &[Decision]) -> Vec<Replayed> {
-    replay(&setup.rules(), setup.windows(), decisions, |decision, skill| {
-        decision.skills.get(skill).map_or(Prediction::NONE, crate::decision::SkillVerdict::prediction)
-    })
+    let mut replayer = Replayer::new(setup.rules(), setup.windows());
+    decisions.iter().map(|decision| replayer.as_recorded(decision)).collect()
 }

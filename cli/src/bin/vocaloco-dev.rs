@@ -21,7 +21,10 @@ fn run() -> Result<ExitCode, Box<dyn std::error::Error>> {
         || words == ["bench", "train"]
         || words == ["evaluate", "novelty"];
     let programs: &[&str] = if learns { &["vocaloco", "vocaloco-train"] } else { &["vocaloco"] };
-    let folder = vocaloco_dev::build_plugins(&["plugins"], programs)?;
+    // A soak lets a plugin misbehave that is made for tests.
+    let places: &[&str] =
+        if words == ["bench", "soak"] { &["plugins", "tests/plugins"] } else { &["plugins"] };
+    let folder = vocaloco_dev::build_plugins(places, programs)?;
     let program = folder.join(format!("vocaloco{}", std::env::consts::EXE_SUFFIX));
     let status = Command::new(program).args(std::env::args_os().skip(1)).status()?;
     // Without a code it was killed by a signal: it did not get to run to its end.

@@ -59,7 +59,7 @@ pub(crate) enum Verb {
     /// Measure a skill or the selector by the protocol
     #[cfg(feature = "sim")]
     Evaluate(evaluate::Args),
-    /// Measure speed: of a tick, of rollouts, of training
+    /// Measure speed: of a tick, of rollouts, of training; soak the loop in faults
     Bench(bench::Args),
     /// Roll a skill out once and draw its gait
     #[cfg(feature = "sim")]

@@ -148,7 +148,7 @@ impl DecisionLog {
         let bytes = std::fs::read(file).map_err(|source| LogError::Io { file: file.to_owned(), source })?;
         let options = mcap::read::Options::IgnoreEndMagic.into();
         let stream = mcap::MessageStream::new_with_options(&bytes, options);
-        let (mut setup, mut decisions, mut truncated) = (None, Vec::new(), None);
+        let (mut setup, mut decisions, mut truncated) = (None, Vec::<Decision>::new(), None);
         for message in stream.map_err(|source| container(file, source))? {
             let message = match message {
                 Ok(message) => message,
@@ -169,10 +169,14 @@ impl DecisionLog {
         if setup.schema != SCHEMA {
             return Err(wrong(file, SETUP, format!("schema {}", setup.schema), format!("schema {SCHEMA}")));
         }
-        let skills = setup.skills.len();
-        if let Some(odd) = decisions.iter().find(|decision: &&Decision| decision.skills.len() != skills) {
-            let found = format!("{} skills at tick {}", odd.skills.len(), odd.tick);
-            return Err(wrong(file, DECISION, found, format!("{skills}, as in the setup")));
+        let mut skills = setup.skills.len();
+        for decision in &decisions {
+            // From here on there are others.
+            skills = decision.roster.as_ref().map_or(skills, Vec::len);
+            if decision.skills.len() != skills {
+                let found = format!("{} skills at tick {}", decision.skills.len(), decision.tick);
+                return Err(wrong(file, DECISION, found, format!("{skills}, as said before")));
+            }
         }
         Ok(Self { setup, decisions, truncated })
     }

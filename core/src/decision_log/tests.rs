@@ -1,6 +1,7 @@
 use super::*;
 use crate::replay::as_recorded;
 use crate::runtime::fixture::{Loop, fake, skill};
+use crate::runtime::{Place, Roster};
 use crate::switch::Windows;
 
 /// A loop that walks, ascends, fails, stands and stops; every tick of it, and its runtime.
@@ -55,6 +56,27 @@ fn a_log_decided_again_comes_to_the_same() {
     for (again, decision) in as_recorded(&setup, &decisions).iter().zip(&decisions) {
         assert!(again.agrees_with(decision), "tick {}: {again:?}, {decision:?}", decision.tick);
     }
+}
+
+#[test]
+fn a_log_of_skills_that_come_and_go_comes_back_and_one_that_hides_it_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.3))]);
+    let setup = Setup::of(&it.runtime, "test");
+    let mut decisions: Vec<_> = (0..20).map(|_| it.tick()).collect();
+    for names in [&["trot", "walk"][..], &["walk"], &[]] {
+        let place = |name: &&str| match *name {
+            "trot" => Place::New(skill("trot", &fake(0.99, 0.2))),
+            name => Place::Kept(name.to_owned()),
+        };
+        it.runtime.adopt(Roster { places: names.iter().map(place).collect(), events: Vec::new() });
+        decisions.extend((0..20).map(|_| it.tick()));
+    }
+    let log = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap();
+    assert!(log.decisions == decisions, "every tick comes back");
+    decisions[40].roster = None;
+    let error = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap_err().to_string();
+    assert!(error.contains("found 1 skills at tick 40, wanted 2"), "{error}");
 }
 
 #[test]

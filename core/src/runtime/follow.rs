@@ -68,9 +68,7 @@ impl Follower {
     ) -> std::io::Result<Self> {
         let (found, changes) = channel();
         let (gone, dropped) = channel();
-        let running = running.into_iter().collect();
-        let judged = followed.seen.skills.clone();
-        let mut watch = Watch { followed, deployment, robot, running, judged, supervision, settling: None };
+        let mut watch = Watch::new(followed, deployment, robot, running, supervision);
         std::thread::Builder::new().name("follow".to_owned()).spawn(move || {
             // What the loop lets go of is dropped here; without a loop there is nothing to follow for.
             while !matches!(dropped.recv_timeout(EVERY), Err(RecvTimeoutError::Disconnected)) {
@@ -140,8 +138,9 @@ fn files(installation: &Installation, skill: &str) -> Files {
     paths.into_iter().map(|path| (path.clone(), stamp(&path))).collect()
 }
 
-/// The thread's own state.
-struct Watch {
+/// What looks at the files; a [`Follower`] does so from its thread.
+#[derive(Debug)]
+pub struct Watch {
     followed: Followed,
     deployment: Deployment,
     robot: Arc<RobotModel>,
@@ -155,8 +154,22 @@ struct Watch {
 }
 
 impl Watch {
-    /// The skills as they should be, when that is news.
-    fn look(&mut self) -> Option<Roster> {
+    /// Starts with what runs now, as [`Follower::start`].
+    pub fn new(
+        followed: Followed,
+        deployment: Deployment,
+        robot: Arc<RobotModel>,
+        running: impl IntoIterator<Item = String>,
+        supervision: Option<Supervision>,
+    ) -> Self {
+        let running = running.into_iter().collect();
+        let judged = followed.seen.skills.clone();
+        Self { followed, deployment, robot, running, judged, supervision, settling: None }
+    }
+
+    /// Looks at the files: the skills as they should be, when that is news. A change is news when the look
+    /// after the one that has found it finds no other.
+    pub fn look(&mut self) -> Option<Roster> {
         let Followed { installation, name, seen, .. } = &self.followed;
         let now = Seen::look(installation, name);
         if now == *seen {

@@ -24,7 +24,7 @@ use vocaloco_plugin_api::{CommandKind, JointTarget};
 use deadline::{Overruns, WatchedController, WatchedPredictors};
 pub use deadline::{Pace, Supervision, TickSummary, TickTimes};
 use drive::Way;
-pub use follow::{Followed, Follower};
+pub use follow::{Followed, Follower, Watch};
 use handover::Handover;
 pub use handover::Switching;
 use roster::Pending;

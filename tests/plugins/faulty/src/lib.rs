@@ -1,5 +1,5 @@
 //! A plugin that holds the stand and misbehaves as its parameter text says: `fault after_ticks`, such
-//! as `panic 10`; see `Fault`. It uses the interface crate alone, as a plugin may.
+//! as `panic 10`, and a seed for those that come by chance; see `Fault`. It uses the interface crate alone, as a plugin may.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
@@ -43,6 +43,52 @@ enum Fault {
     Segfault,
     /// Ends its process.
     Abort,
+    /// In one tick of 32, at times that follow from a seed, any fault that the host's process survives.
+    Wild(u64),
+    /// The same with any fault that a process of its own is for.
+    Fragile(u64),
+}
+
+/// What `Wild` comes to.
+const WILD: [Fault; 10] = [
+    Fault::Panic,
+    Fault::Error,
+    Fault::Nan,
+    Fault::InfiniteGain,
+    Fault::OutOfRange,
+    Fault::NegativeStiffness,
+    Fault::Silent,
+    Fault::Billion,
+    Fault::Short,
+    Fault::Long,
+];
+/// What `Fragile` comes to; a hang costs seconds of the clock, so it is rare.
+const FRAGILE: [Fault; 8] = [
+    Fault::Segfault,
+    Fault::Abort,
+    Fault::Leak,
+    Fault::Segfault,
+    Fault::Abort,
+    Fault::Leak,
+    Fault::Segfault,
+    Fault::Hang,
+];
+
+impl Fault {
+    /// What it comes to at a time: one that comes by chance stays as it is, or becomes another for good.
+    fn at(self, time_s: f64) -> Self {
+        let (seed, kinds) = match self {
+            Self::Wild(seed) => (seed, &WILD[..]),
+            Self::Fragile(seed) => (seed, &FRAGILE[..]),
+            other => return other,
+        };
+        // splitmix64.
+        let mut mixed = (time_s.to_bits() ^ seed).wrapping_add(0x9e37_79b9_7f4a_7c15);
+        mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        mixed ^= mixed >> 31;
+        if mixed.is_multiple_of(32) { kinds[(mixed >> 32) as usize % kinds.len()] } else { self }
+    }
 }
 
 /// The controller.
@@ -99,11 +145,26 @@ impl Skill for Faulty {
             Some("segfault") => Fault::Segfault,
             Some("abort") => Fault::Abort,
             Some("abort_in_create") => std::process::abort(),
+            Some("wild") => Fault::Wild(0),
+            Some("fragile") => Fault::Fragile(0),
             Some(other) => return Err(refuse(other)),
         };
         let after_ticks = match words.next() {
             None => 0,
             Some(number) => number.parse().map_err(|_| refuse(number))?,
+        };
+        let seed = match words.next() {
+            None => 0,
+            Some(number) => number.parse().map_err(|_| refuse(number))?,
+        };
+        let fault = match fault {
+            Fault::Wild(_) => {
+                // Hundreds of panics that nobody waits for are not worth a line each.
+                std::panic::set_hook(Box::new(|_| {}));
+                Fault::Wild(seed)
+            }
+            Fault::Fragile(_) => Fault::Fragile(seed),
+            fault => fault,
         };
         let stand_rad = robot.joints.iter().map(|joint| joint.stand_rad as f32).collect();
         Ok(Self { fault, after_ticks, tick: 0, stand_rad })
@@ -117,11 +178,14 @@ impl Skill for Faulty {
 
     fn act(
         &mut self,
-        _state: &RobotState<'_>,
+        state: &RobotState<'_>,
         _command: &Command,
         joints: &mut [JointTarget],
     ) -> Result<(), SkillError> {
         let due = self.tick >= self.after_ticks;
+        if due {
+            self.fault = self.fault.at(state.time_s);
+        }
         self.tick += 1;
         if due && matches!(self.fault, Fault::Silent) {
             return Ok(());
@@ -139,7 +203,12 @@ impl Skill for Faulty {
             // Not the first joint, so that a check of only that one is caught.
             let joint = &mut joints[7];
             match self.fault {
-                Fault::None | Fault::PanicInReset | Fault::Silent | Fault::Short => {}
+                Fault::None
+                | Fault::PanicInReset
+                | Fault::Silent
+                | Fault::Short
+                | Fault::Wild(_)
+                | Fault::Fragile(_) => {}
                 Fault::Panic => panic!("asked for a panic in act"),
                 Fault::Error => return Err(SkillError::new(ErrorCode::Internal, "asked for an error")),
                 Fault::Nan => joint.position_rad = f32::NAN,
