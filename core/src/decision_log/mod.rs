@@ -169,10 +169,18 @@ impl DecisionLog {
         if setup.schema != SCHEMA {
             return Err(wrong(file, SETUP, format!("schema {}", setup.schema), format!("schema {SCHEMA}")));
         }
-        let skills = setup.skills.len();
-        if let Some(odd) = decisions.iter().find(|decision: &&Decision| decision.skills.len() != skills) {
-            let found = format!("{} skills at tick {}", odd.skills.len(), odd.tick);
-            return Err(wrong(file, DECISION, found, format!("{skills}, as in the setup")));
+        let mut skills = setup.skills.len();
+        for decision in &decisions {
+            skills = decision.roster.as_ref().map_or(skills, Vec::len);
+            if decision.skills.len() != skills {
+                let found = format!("{} skills at tick {}", decision.skills.len(), decision.tick);
+                return Err(wrong(
+                    file,
+                    DECISION,
+                    found,
+                    format!("{skills}, as in the setup or in the last roster"),
+                ));
+            }
         }
         Ok(Self { setup, decisions, truncated })
     }
