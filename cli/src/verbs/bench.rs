@@ -1,5 +1,6 @@
 //! `bench`: how fast this machine does what costs time. One file a measurement, below.
 
+mod hot_add;
 mod policy;
 #[cfg(feature = "sim")]
 mod rollouts;
@@ -23,6 +24,7 @@ pub(crate) struct Args {
 #[derive(clap::Subcommand)]
 enum What {
     Tick(tick::Args),
+    HotAdd(hot_add::Args),
     #[cfg(feature = "sim")]
     Rollouts(rollouts::Args),
     Policy(policy::Args),
@@ -32,6 +34,7 @@ enum What {
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
     match args.what {
         What::Tick(args) => tick::run(&args),
+        What::HotAdd(args) => hot_add::run(&args),
         #[cfg(feature = "sim")]
         What::Rollouts(args) => rollouts::run(&args),
         What::Policy(_) => policy::run(),

@@ -9,8 +9,6 @@ mod install;
 mod pack;
 mod unpack;
 
-use std::path::Path;
-
 pub use install::{Installed, install, remove};
 pub use pack::{Packed, pack};
 pub use unpack::{Bundle, unpack};

@@ -148,7 +148,7 @@ impl DecisionLog {
         let bytes = std::fs::read(file).map_err(|source| LogError::Io { file: file.to_owned(), source })?;
         let options = mcap::read::Options::IgnoreEndMagic.into();
         let stream = mcap::MessageStream::new_with_options(&bytes, options);
-        let (mut setup, mut decisions, mut truncated) = (None, Vec::new(), None);
+        let (mut setup, mut decisions, mut truncated) = (None, Vec::<Decision>::new(), None);
         for message in stream.map_err(|source| container(file, source))? {
             let message = match message {
                 Ok(message) => message,

@@ -59,7 +59,7 @@ impl fmt::Display for Origin {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum NoContract {
     /// Nobody says these fields; `notes` tell what was of no use.
-    #[error("contract: found nothing for {}{}", .missing.join(", "), .notes.iter().map(|note| format!("; {note}")).collect::<String>())]
+    #[error("contract: found nothing for {}", said(.missing, .notes))]
     Missing {
         /// The fields.
         missing: Vec<&'static str>,
@@ -69,6 +69,11 @@ pub enum NoContract {
     /// What is said is no contract.
     #[error("contract: found {0}, wanted the fields that docs/policies.md describes")]
     Unreadable(String),
+}
+
+fn said(missing: &[&str], notes: &[String]) -> String {
+    let notes = notes.iter().map(String::as_str);
+    std::iter::once(missing.join(", ").as_str()).chain(notes).collect::<Vec<_>>().join("; ")
 }
 
 /// The contract that `metadata` of a policy's file gives, with the fields of `added` in place of its own.
