@@ -12,8 +12,8 @@ use vocaloco_tests::{Fixture, constant_model, plugin_folder, repository, snapsho
 
 const DEPLOYMENT: &str = "manifests/deployments/anymal_stairs.toml";
 const OLD: [&str; 3] = ["walk", "ascend_network", "descend_network"];
-/// Courses on which each of the old skills drives.
-const COURSES: [&str; 2] = ["stairs_up", "stairs_down"];
+/// Courses with their steps, m: each of the old skills drives on one of them.
+const COURSES: [[&str; 2]; 2] = [["stairs_up", "0.18"], ["stairs_down", "0.22"]];
 
 /// The shipped deployment in an installation of its own.
 fn installation() -> Fixture {
@@ -34,11 +34,11 @@ fn binaries() -> BTreeMap<PathBuf, String> {
 }
 
 /// One drive over a course: its report, but for times and the command, and the log's file.
-fn drive(fixture: &Fixture, course: &str) -> (Value, PathBuf) {
+fn drive(fixture: &Fixture, [course, size_m]: [&str; 2]) -> (Value, PathBuf) {
     let log = fixture.root().join(format!("out/{course}.mcap"));
     fs::create_dir_all(fixture.root().join("out")).expect("a folder");
     let words =
-        ["run", "--source", "sim", "--course", course, "--size-m", "0.12", "--steps", "2", "--json", "--log"];
+        ["run", "--source", "sim", "--course", course, "--size-m", size_m, "--steps", "2", "--json", "--log"];
     let output = fixture.vocaloco(&words).arg(&log).output().expect("vocaloco runs");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let mut report: Value = serde_json::from_slice(&output.stdout).expect("JSON alone on stdout");
@@ -66,7 +66,7 @@ fn no_file_of_another_skill_changes_and_no_decision_does_until_it_is_viable() {
     let before: Vec<_> = COURSES
         .iter()
         .map(|course| {
-            let (report, log) = drive(&fixture, course);
+            let (report, log) = drive(&fixture, *course);
             (report, decisions(&log, "stroll"))
         })
         .collect();
@@ -100,7 +100,8 @@ fn no_file_of_another_skill_changes_and_no_decision_does_until_it_is_viable() {
     assert_eq!(built, binaries(), "no plugin and no program is another one");
 
     for (course, (report, decided)) in COURSES.iter().zip(&before) {
-        let (now, log) = drive(&fixture, course);
+        let (now, log) = drive(&fixture, *course);
+        let [course, _] = course;
         let setup = DecisionLog::read(&log).expect("a log").setup;
         assert!(setup.skills.iter().any(|skill| skill.name == "stroll"), "it took part");
         assert_eq!(now, *report, "{course}: outcome, time, distance, cost and switches");

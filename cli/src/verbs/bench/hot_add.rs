@@ -15,7 +15,7 @@ use vocaloco_core::manifest::{Deployment, SkillManifest};
 use vocaloco_core::observation::Observation;
 use vocaloco_core::predictor::backend;
 use vocaloco_core::registry::{load_deployment, read_deployment};
-use vocaloco_core::runtime::{Followed, Follower, Pace, Runtime, Supervision};
+use vocaloco_core::runtime::{Followed, Follower, Pace, Runtime, Supervision, give_way};
 
 use super::tick::{observation, quantile};
 use crate::exit::Exit;
@@ -224,6 +224,8 @@ impl Scene {
             (self.installation.root.clone(), self.installation.deployment_file(&self.deployment));
         let plugin_path = std::env::join_paths(&self.installation.plugin_path);
         std::thread::spawn(move || {
+            // A loop that runs at a priority of its own does not lend it to those who install something.
+            give_way();
             let change = || {
                 let output = Command::new(std::env::current_exe()?)
                     .args(&arguments)

@@ -52,7 +52,7 @@ pub(crate) struct Args {
         long,
         default_value = "0,0.7",
         value_delimiter = ',',
-        allow_negative_numbers = true,
+        allow_hyphen_values = true,
         value_name = "LEAST,GREATEST",
         requires = "from"
     )]
