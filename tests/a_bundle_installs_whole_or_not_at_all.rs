@@ -1,7 +1,6 @@
 //! A skill packed into one file is installed on an installation that never saw its source, and runs
 //! there; a bundle that is not what it should be leaves the installation as it was.
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -14,7 +13,7 @@ use vocaloco_core::installation::Installation;
 use vocaloco_core::lock::{PublicKey, SecretKey, sha256_hex};
 use vocaloco_core::plugin::library_file_name;
 use vocaloco_core::registry::load_deployment;
-use vocaloco_tests::Fixture;
+use vocaloco_tests::{Fixture, snapshot};
 
 /// The bundle of a sound skill `hold`, in a folder of its own.
 fn packed(key: Option<&SecretKey>) -> (tempfile::TempDir, PathBuf) {
@@ -37,23 +36,6 @@ fn bare() -> (Fixture, Installation) {
 
 fn key() -> SecretKey {
     SecretKey::generate().expect("randomness")
-}
-
-/// Every file below a folder with its bytes, and every folder.
-fn snapshot(folder: &Path) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
-    let mut all = BTreeMap::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).expect("a folder") {
-            let path = entry.expect("an entry").path();
-            let bytes = path.is_file().then(|| fs::read(&path).expect("a file"));
-            if bytes.is_none() {
-                folders.push(path.clone());
-            }
-            all.insert(path, bytes);
-        }
-    }
-    all
 }
 
 /// The refusal of a bundle by a bare installation, which stays as it was.
@@ -173,6 +155,67 @@ fn a_name_that_is_taken_is_refused() {
     let (_fixture, installation) = bare();
     install(&installation, &bundle, &[]).expect("installed");
     install(&installation, &bundle, &[]).expect_err("taken by itself");
+}
+
+/// A link that leads nowhere is no file, and a name all the same: what is written through it lands elsewhere.
+#[cfg(unix)]
+#[test]
+fn a_name_that_a_link_has_is_taken_wherever_it_leads() {
+    let (_folder, bundle) = packed(None);
+    for taken in ["manifests/skills/hold.toml", "skills/hold"] {
+        let (fixture, installation) = bare();
+        let link = fixture.root().join(taken);
+        fs::create_dir_all(link.parent().expect("a folder")).expect("a folder");
+        std::os::unix::fs::symlink("/nowhere/at/all", &link).expect("a link");
+        let before = snapshot(fixture.root());
+        let line = install(&installation, &bundle, &[]).expect_err("taken").to_string();
+        assert!(line.contains("\"hold\", taken by "), "{line}");
+        assert_eq!(before, snapshot(fixture.root()));
+    }
+}
+
+/// The folder is renamed into place before the manifest: where the second rename fails (here onto another file
+/// system), the first is undone.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_installation_that_fails_half_way_is_undone() {
+    let (_folder, bundle) = packed(None);
+    let (fixture, installation) = bare();
+    let elsewhere = tempfile::tempdir_in("/dev/shm").expect("another file system");
+    fs::create_dir_all(fixture.root().join("skills")).expect("a folder");
+    std::os::unix::fs::symlink(elsewhere.path(), fixture.root().join("manifests/skills")).expect("a link");
+    let before = snapshot(fixture.root());
+    let line = install(&installation, &bundle, &[]).expect_err("no rename").to_string();
+    assert!(line.contains("manifests/skills/hold.toml: rename"), "{line}");
+    assert_eq!(before, snapshot(fixture.root()));
+    assert!(fs::read_dir(elsewhere.path()).expect("a folder").next().is_none());
+}
+
+/// What unpacks without end is read up to the limit and no further.
+#[test]
+fn zeros_without_end_are_refused() {
+    let (_folder, bundle) = packed(None);
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    let zeros = vec![0; 1 << 20];
+    for _ in 0..300 {
+        encoder.write_all(&zeros).expect("written");
+    }
+    fs::write(&bundle, encoder.finish().expect("a bundle")).expect("written");
+    refused(&bundle, &[], &["hold.skill"]);
+
+    // The same behind a header that promises all of it.
+    let mut header = tar::Header::new_gnu();
+    header.set_path("bundle.lock").expect("a path");
+    header.set_entry_type(tar::EntryType::Regular);
+    header.set_size(1 << 40);
+    header.set_cksum();
+    let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(header.as_bytes()).expect("written");
+    for _ in 0..300 {
+        encoder.write_all(&zeros).expect("written");
+    }
+    fs::write(&bundle, encoder.finish().expect("a bundle")).expect("written");
+    refused(&bundle, &[], &["bundle.lock", "1099511627776 bytes", "at most 134217728 bytes in all"]);
 }
 
 #[test]

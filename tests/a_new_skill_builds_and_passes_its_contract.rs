@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use vocaloco_tests::{Fixture, plugin_folder, repository};
+use vocaloco_tests::{Fixture, plugin_folder, snapshot};
 
 fn vocaloco(root: &Path, arguments: &[&str]) -> Output {
     let program = plugin_folder().join(format!("vocaloco{}", std::env::consts::EXE_SUFFIX));
@@ -22,40 +22,20 @@ fn stdout(output: &Output) -> String {
     String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
-/// The repository's workspace with the plugin interface as its only member, in a temporary folder.
-fn small_workspace() -> Fixture {
-    let fixture = Fixture::new();
-    let text = fs::read_to_string(repository().join("Cargo.toml")).expect("the workspace");
-    let mut workspace: toml::Table = text.parse().expect("toml");
-    let table = workspace["workspace"].as_table_mut().expect("a table");
-    table.insert("members".into(), toml::Value::Array(vec!["plugins/api".into()]));
-    table.remove("default-members");
-    fixture.write("Cargo.toml", workspace.to_string().as_bytes());
-    fixture.write("Cargo.lock", &fs::read(repository().join("Cargo.lock")).expect("the lock file"));
-    for path in std::iter::once("plugins/api/Cargo.toml".to_owned()).chain(sources("plugins/api/src")) {
-        fixture.write(&path, &fs::read(repository().join(&path)).expect("a source file"));
-    }
-    fixture
-}
-
-/// Every file below a folder of the repository.
-fn sources(folder: &str) -> Vec<String> {
-    let entries = fs::read_dir(repository().join(folder)).expect("a folder");
-    let inside = |entry: std::io::Result<fs::DirEntry>| {
-        let entry = entry.expect("an entry");
-        let path = format!("{folder}/{}", entry.file_name().to_string_lossy());
-        if entry.path().is_dir() { sources(&path) } else { vec![path] }
-    };
-    entries.flat_map(inside).collect()
-}
-
 #[test]
 fn it_builds_passes_and_lacks_only_its_predictors() {
-    let fixture = small_workspace();
+    let fixture = Fixture::workspace();
     let root = fixture.root();
+    let before = snapshot(root);
     let output = vocaloco(root, &["new", "side_step"]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(stdout(&output).contains("plugins/side_step/src/lib.rs"), "{}", stdout(&output));
+    let after = snapshot(root);
+    let changed: Vec<_> = before.iter().filter(|(path, bytes)| after.get(*path) != Some(*bytes)).collect();
+    assert!(
+        changed.len() == 1 && changed[0].0 == &root.join("Cargo.toml"),
+        "new files and a member: {changed:?}"
+    );
 
     let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let run = |arguments: &[&str]| {
@@ -93,7 +73,7 @@ fn it_builds_passes_and_lacks_only_its_predictors() {
 
 #[test]
 fn a_bad_name_writes_nothing() {
-    let fixture = small_workspace();
+    let fixture = Fixture::workspace();
     for name in ["SideStep", "side-step", "../side", "fn", "api", "", "1step"] {
         let output = vocaloco(fixture.root(), &["new", "--", name]);
         assert_eq!(output.status.code(), Some(2), "{name:?}");

@@ -88,6 +88,27 @@ fn a_soak_misses_no_decision_repeats_all_of_them_and_meets_faults_of_every_sourc
 }
 
 #[test]
+fn a_skill_that_comes_and_goes_while_the_loop_drives_is_timed_and_ends_in_the_stand() {
+    let report = bench(&["hot-add", "--seconds", "0.5"]);
+    assert_eq!((&report["skill"], &report["then_drives"]), (&"walk".into(), &"stand".into()), "{report:#}");
+    let phases = ["/quiet", "/adding", "/removing"];
+    let figures = phases
+        .iter()
+        .flat_map(|phase| ["ticks", "p50_us", "p99_us", "max_us"].map(|it| format!("{phase}/{it}")));
+    let figures: Vec<String> =
+        figures.chain(["/takes_part_after_s", "/swap_us/0", "/swap_us/1"].map(str::to_owned)).collect();
+    assert_positive(&report, &figures.iter().map(String::as_str).collect::<Vec<_>>());
+    // A second on a machine that has time for it; tests share theirs.
+    let after = |name: &str| report[name].as_f64().expect(name);
+    assert!(
+        after("takes_part_after_s") < after("drives_after_s") && after("drives_after_s") < 30.0,
+        "{report:#}"
+    );
+    assert!((0.0..30.0).contains(&after("gone_after_s")), "{report:#}");
+    assert_eq!(report["quiet"]["late"], 0, "{report:#}");
+}
+
+#[test]
 fn rollouts_are_timed_on_either_plant_and_a_peer_that_is_not_there_is_null() {
     for plant in ["reference", "fast"] {
         let python = ["--python", "/nowhere/python3"];

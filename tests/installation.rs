@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use tempfile::TempDir;
 use vocaloco_core::installation::Installation;
@@ -54,6 +55,26 @@ impl Fixture {
         fixture
     }
 
+    /// The same, and a source tree: the repository's workspace with the plugin interface as its only member.
+    ///
+    /// # Panics
+    /// When the sources cannot be read.
+    pub fn workspace() -> Self {
+        let fixture = Self::new();
+        let repository = crate::repository();
+        let text = fs::read_to_string(repository.join("Cargo.toml")).expect("the workspace");
+        let mut workspace: toml::Table = text.parse().expect("toml");
+        let table = workspace["workspace"].as_table_mut().expect("a table");
+        table.insert("members".into(), toml::Value::Array(vec!["plugins/api".into()]));
+        table.remove("default-members");
+        fixture.write("Cargo.toml", workspace.to_string().as_bytes());
+        let sources = sources(&repository, "plugins/api/src");
+        for path in ["Cargo.lock", "plugins/api/Cargo.toml"].map(str::to_owned).into_iter().chain(sources) {
+            fixture.write(&path, &fs::read(repository.join(&path)).expect("a source file"));
+        }
+        fixture
+    }
+
     /// As `vocaloco-core` takes it.
     pub fn installation(&self) -> Installation {
         Installation { root: self.root().to_owned(), plugin_path: self.plugin_path.clone() }
@@ -91,6 +112,31 @@ impl Fixture {
         }
     }
 
+    /// Adds shipped skills as they are, manifest and folder.
+    ///
+    /// # Panics
+    /// When one is not shipped.
+    pub fn add_shipped(&self, names: &[&str]) {
+        for name in names {
+            let folder = format!("skills/{name}");
+            let entries = fs::read_dir(crate::repository().join(&folder)).expect("a shipped skill");
+            let inside =
+                entries.map(|entry| format!("{folder}/{}", entry.expect("an entry").file_name().display()));
+            for path in inside.chain([format!("manifests/skills/{name}.toml")]) {
+                self.write(&path, &fs::read(crate::repository().join(&path)).expect("a shipped file"));
+            }
+        }
+    }
+
+    /// The program, told to work on this installation.
+    pub fn vocaloco(&self, arguments: &[&str]) -> Command {
+        let program = crate::plugin_folder().join(format!("vocaloco{}", std::env::consts::EXE_SUFFIX));
+        let mut command = Command::new(program);
+        command.args(arguments).current_dir(self.root()).env("VOCALOCO_ROOT", self.root());
+        command.env("VOCALOCO_PLUGIN_PATH", crate::plugin_folder());
+        command
+    }
+
     /// Replaces `from` by `to` in a file.
     ///
     /// # Panics
@@ -106,4 +152,15 @@ impl Fixture {
         let text = format!("schema = 1\nrobot = \"anymal_d\"\nskills = {skills:?}\n");
         self.write(&format!("manifests/deployments/{name}.toml"), text.as_bytes());
     }
+}
+
+/// Every file below a folder of the repository, relative to it.
+fn sources(repository: &Path, folder: &str) -> Vec<String> {
+    let entries = fs::read_dir(repository.join(folder)).expect("a folder");
+    let inside = |entry: std::io::Result<fs::DirEntry>| {
+        let entry = entry.expect("an entry");
+        let path = format!("{folder}/{}", entry.file_name().display());
+        if entry.path().is_dir() { sources(repository, &path) } else { vec![path] }
+    };
+    entries.flat_map(inside).collect()
 }

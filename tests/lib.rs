@@ -5,11 +5,13 @@ use std::sync::OnceLock;
 
 mod installation;
 mod model;
+mod snapshot;
 mod standing_line;
 mod walking;
 
 pub use installation::Fixture;
 pub use model::{PolicyModel, constant_model, constant_model_of_shape, overflowing_model};
+pub use snapshot::snapshot;
 pub use standing_line::standing_line;
 pub use walking::{Says, Walking};
 

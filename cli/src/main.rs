@@ -40,8 +40,8 @@ const EXAMPLES: &str = "Examples:
   vocaloco explain out/demo/decisions-stairs_up-0.12.mcap --tick 250
   vocaloco bench rollouts                         how fast this machine collects
 
-One more skill, touching no other:
-  vocaloco skills new trot                        a plugin and manifest from the template
+One more skill, touching no other (docs/add-a-skill.md):
+  vocaloco skills new trot --from policy.onnx     from an exported network; without --from a plugin in Rust
   vocaloco collect --skill trot --kind viability --samples 5000
   vocaloco collect --skill trot --kind cot --samples 5000
   vocaloco train --skill trot

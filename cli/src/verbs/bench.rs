@@ -1,6 +1,7 @@
 //! `bench`: how fast this machine does what costs time, and how long it lasts. One file a measurement, below.
 
 mod approach;
+mod hot_add;
 mod policy;
 #[cfg(feature = "sim")]
 mod rollouts;
@@ -26,6 +27,7 @@ pub(crate) struct Args {
 #[derive(clap::Subcommand)]
 enum What {
     Tick(tick::Args),
+    HotAdd(hot_add::Args),
     #[cfg(feature = "sim")]
     Rollouts(rollouts::Args),
     Policy(policy::Args),
@@ -37,6 +39,7 @@ enum What {
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
     match args.what {
         What::Tick(args) => tick::run(&args),
+        What::HotAdd(args) => hot_add::run(&args),
         #[cfg(feature = "sim")]
         What::Rollouts(args) => rollouts::run(&args),
         #[cfg(feature = "sim")]

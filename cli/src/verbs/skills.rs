@@ -21,7 +21,6 @@ enum Verb {
     List(list::Args),
     /// Check every skill and deployment, or the skills named; exit code 1 when one is not sound
     Check(check::Args),
-    /// Start a skill: a plugin from the template, its manifest and its folder
     New(new::Args),
     /// Pack a skill into one file, signed or not
     Pack(pack::Args),

@@ -5,10 +5,11 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::content::Content;
-use super::{Bundle, LOCK, MAX_BUNDLE_BYTES, SIGNATURE, failed, unpack, unsound};
+use super::{Bundle, LOCK, MAX_BUNDLE_BYTES, SIGNATURE, unpack, unsound};
 use crate::installation::Installation;
 use crate::lock::PublicKey;
 use crate::manifest::{Finding, MAX_BYTES, bytes_of, is_snake_case, read_bounded};
+use crate::staging::{Places, Stage, failed, taken};
 
 /// A skill that was installed.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -23,7 +24,7 @@ pub struct Installed {
 
 /// Installs the bundle `file`, which one of `keys` must have signed when there are any.
 ///
-/// The skill appears whole or not at all: its folder is renamed into place first, its manifest last.
+/// The skill appears whole or not at all.
 ///
 /// # Errors
 /// The bundle is refused, its name is taken, the skill is not sound on any robot of the installation,
@@ -35,28 +36,16 @@ pub fn install(installation: &Installation, file: &Path, keys: &[PublicKey]) -> 
     let bundle = unpack(file, &bytes)?;
     bundle.check_signature(file, keys)?;
     let skill = bundle.skill();
-    let places = Places::of(installation, skill);
-    for taken in [&places.manifest, &places.folder] {
-        if fs::symlink_metadata(taken).is_ok() {
-            let inside = taken.strip_prefix(&installation.root).unwrap_or(taken);
-            let found = format!("{skill:?}, taken by {}", inside.display());
-            return Err(Finding::new(file, "skill", found, "a name that is not taken (`skills remove`)"));
-        }
+    if let Some(taken) = taken(installation, skill) {
+        let found = format!("{skill:?}, taken by {}", taken.display());
+        return Err(Finding::new(file, "skill", found, "a name that is not taken (`skills remove`)"));
     }
-    let stage = Stage::new(installation)?;
-    stage.write(&bundle)?;
+    // It shall run where nothing else brings its plugin.
+    let stage = Stage::new(&installation.root, Vec::new())?;
+    write(&stage, &bundle)?;
     // Its plugin's initialisers run here for the first time: after the hashes and the signature.
-    unsound(&stage.installation, skill, installation)?;
-    for folder in [places.folder.parent(), places.manifest.parent()].into_iter().flatten() {
-        fs::create_dir_all(folder).map_err(failed(folder, "folder"))?;
-    }
-    let staged = Places::of(&stage.installation, skill);
-    rename_new(&staged.folder, &places.folder).map_err(failed(&places.folder, "rename"))?;
-    if let Err(error) = rename_new(&staged.manifest, &places.manifest) {
-        let back = fs::rename(&places.folder, &staged.folder);
-        back.map_err(failed(&places.folder, "rename"))?;
-        return Err(failed(&places.manifest, "rename")(error));
-    }
+    unsound(stage.installation(), skill, installation)?;
+    stage.publish(installation, skill)?;
     Ok(Installed { skill: skill.to_owned(), files: bundle.files.len(), signed: bundle.signature.is_some() })
 }
 
@@ -93,8 +82,8 @@ pub fn remove(installation: &Installation, skill: &str) -> Result<(), Finding> {
                 .relative_to(&installation.root));
         }
     }
-    let stage = Stage::new(installation)?;
-    let staged = Places::of(&stage.installation, skill);
+    let stage = Stage::new(&installation.root, Vec::new())?;
+    let staged = Places::of(stage.installation(), skill);
     // Without its manifest there is no such skill: that goes first.
     match fs::rename(&places.manifest, &staged.manifest) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
@@ -105,72 +94,13 @@ pub fn remove(installation: &Installation, skill: &str) -> Result<(), Finding> {
     fs::rename(&places.folder, &staged.folder).map_err(failed(&places.folder, "rename"))
 }
 
-/// Where a skill lies.
-struct Places {
-    manifest: PathBuf,
-    folder: PathBuf,
-}
-
-impl Places {
-    fn of(installation: &Installation, skill: &str) -> Self {
-        Self { manifest: installation.skill_file(skill), folder: installation.skill_folder(skill) }
+fn write(stage: &Stage, bundle: &Bundle) -> Result<(), Finding> {
+    let folder = format!("skills/{}", bundle.skill());
+    stage.file(&format!("{folder}/{LOCK}"), bundle.lock.as_bytes())?;
+    if let Some((text, _)) = &bundle.signature {
+        stage.file(&format!("{folder}/{SIGNATURE}"), text.as_bytes())?;
     }
-}
-
-/// A folder beside the installation's own, laid out like it; it vanishes with what is left in it.
-struct Stage {
-    installation: Installation,
-    _folder: tempfile::TempDir,
-}
-
-impl Stage {
-    fn new(installation: &Installation) -> Result<Self, Finding> {
-        let root = &installation.root;
-        let folder = tempfile::Builder::new().prefix(".staging-").tempdir_in(root);
-        let folder = folder.map_err(failed(root, "staging"))?;
-        for part in ["manifests/skills", "skills"] {
-            fs::create_dir_all(folder.path().join(part)).map_err(failed(root, "staging"))?;
-        }
-        let installation = Installation { root: folder.path().to_owned(), plugin_path: Vec::new() };
-        Ok(Self { installation, _folder: folder })
-    }
-
-    fn write(&self, bundle: &Bundle) -> Result<(), Finding> {
-        let folder = format!("skills/{}", bundle.skill());
-        self.file(&format!("{folder}/{LOCK}"), bundle.lock.as_bytes())?;
-        if let Some((text, _)) = &bundle.signature {
-            self.file(&format!("{folder}/{SIGNATURE}"), text.as_bytes())?;
-        }
-        bundle.files.iter().try_for_each(|(path, bytes)| self.file(path, bytes))
-    }
-
-    fn file(&self, path: &str, bytes: &[u8]) -> Result<(), Finding> {
-        use io::Write;
-        let path = self.installation.root.join(path);
-        let write = || {
-            fs::create_dir_all(path.parent().unwrap_or(&self.installation.root))?;
-            let mut file = fs::File::create_new(&path)?;
-            file.write_all(bytes)?;
-            file.sync_all()
-        };
-        write().map_err(failed(&path, "write"))
-    }
-}
-
-/// Renames, refusing to replace anything.
-#[cfg(target_os = "linux")]
-fn rename_new(from: &Path, to: &Path) -> io::Result<()> {
-    use rustix::fs::{CWD, RenameFlags, renameat_with};
-    Ok(renameat_with(CWD, from, CWD, to, RenameFlags::NOREPLACE)?)
-}
-
-/// Renames, refusing to replace anything that is there when it looks.
-#[cfg(not(target_os = "linux"))]
-fn rename_new(from: &Path, to: &Path) -> io::Result<()> {
-    if fs::symlink_metadata(to).is_ok() {
-        return Err(io::ErrorKind::AlreadyExists.into());
-    }
-    fs::rename(from, to)
+    bundle.files.iter().try_for_each(|(path, bytes)| stage.file(path, bytes))
 }
 
 /// Every file below a folder; links are files.

@@ -9,8 +9,6 @@ mod install;
 mod pack;
 mod unpack;
 
-use std::path::Path;
-
 pub use install::{Installed, install, remove};
 pub use pack::{Packed, pack};
 pub use unpack::{Bundle, unpack};
@@ -19,6 +17,7 @@ use crate::installation::Installation;
 use crate::manifest::Finding;
 use crate::registry::{ModelPolicy, check_skill};
 use crate::robot::RobotModel;
+use crate::staging::failed;
 
 /// Last part of a bundle's file name.
 pub const EXTENSION: &str = "skill";
@@ -32,11 +31,6 @@ pub(crate) const MAX_FILES: usize = 32;
 pub(crate) const LOCK: &str = "bundle.lock";
 /// Name of the lock's signature.
 pub(crate) const SIGNATURE: &str = "bundle.lock.sig";
-
-/// What a system that is called for a bundle does not do.
-fn failed(path: &Path, what: &str) -> impl Fn(std::io::Error) -> Finding {
-    move |error| Finding::new(path, what, error, "a system that does it")
-}
 
 /// The first thing that is wrong with a skill on each robot that `robots` has, if it is so on all.
 fn unsound(skill: &Installation, name: &str, robots: &Installation) -> Result<(), Finding> {

@@ -8,11 +8,12 @@ use flate2::{Compression, GzBuilder};
 use vocaloco_plugin_api::INTERFACE_VERSION;
 
 use super::content::{Content, platform};
-use super::{LOCK, MAX_BUNDLE_BYTES, SIGNATURE, failed, unpack, unsound};
+use super::{LOCK, MAX_BUNDLE_BYTES, SIGNATURE, unpack, unsound};
 use crate::installation::Installation;
 use crate::lock::{SecretKey, sha256_hex};
 use crate::manifest::{Finding, SkillManifest, bytes_of, is_snake_case};
 use crate::plugin::{PluginError, PluginLibrary, library_file_name};
+use crate::staging::failed;
 
 /// A bundle that was written.
 #[derive(Clone, Debug, PartialEq, Eq)]

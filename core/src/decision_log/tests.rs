@@ -119,3 +119,21 @@ fn a_file_that_is_no_log_is_refused_by_name() {
         assert!(error.contains("notes.txt: "), "{error}");
     }
 }
+
+/// A log of a run in which a skill was added could not be read: every tick was held to as many skills as the
+/// setup has. The number follows the rosters now.
+#[test]
+fn a_log_in_which_a_skill_came_is_read_and_a_number_that_nobody_announced_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.3))]);
+    let setup = Setup::of(&it.runtime, "test");
+    let mut decisions: Vec<_> = (0..5).map(|_| it.tick()).collect();
+    let places = vec![Place::Kept("walk".into()), Place::New(skill("trot", &fake(0.99, 0.2)))];
+    drop(it.runtime.adopt(Roster { places, events: Vec::new() }));
+    decisions.extend((0..5).map(|_| it.tick()));
+    let log = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap();
+    assert!(log.decisions == decisions);
+    decisions[7].skills.pop();
+    let error = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap_err().to_string();
+    assert!(error.contains("found 1 skills at tick 7, wanted 2"), "{error}");
+}

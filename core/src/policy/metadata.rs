@@ -49,7 +49,8 @@ pub(super) fn contradictions(metadata: &BTreeMap<String, String>, contract: &Con
     names.into_iter().chain(numbers).chain(terms).chain(whole).collect()
 }
 
-fn list(text: &str) -> Vec<&str> {
+/// The items of a list as exporters write it.
+pub(super) fn list(text: &str) -> Vec<&str> {
     let text = text.trim().trim_start_matches('[').trim_end_matches(']');
     text.split(',').map(|item| item.trim().trim_matches(['"', '\''])).collect()
 }
@@ -128,12 +129,13 @@ fn difference(at: &str, own: &Value, theirs: &Value) -> Option<(String, String, 
 }
 
 /// The term that an exporter calls `name`.
-fn known(name: &str) -> Option<Term> {
+pub(super) fn known(name: &str) -> Option<Term> {
     Some(match name {
         "base_lin_vel" | "base_linear_velocity" => Term::BaseLinearVelocity,
         "base_ang_vel" | "base_angular_velocity" => Term::BaseAngularVelocity,
         "projected_gravity" => Term::ProjectedGravity,
         "command" | "velocity_command" | "velocity_commands" | "generated_commands" => Term::VelocityCommand,
+        "position_target" => Term::PositionTarget,
         "joint_pos" | "joint_pos_rel" | "joint_position" => Term::JointPosition,
         "joint_vel" | "joint_vel_rel" | "joint_velocity" => Term::JointVelocity,
         "joint_effort" | "joint_torque" => Term::JointTorque,

@@ -6,6 +6,7 @@
 mod chain;
 mod dense;
 mod metadata;
+mod proposal;
 mod session;
 #[cfg(test)]
 mod tests;
@@ -29,6 +30,7 @@ use crate::predictor::ModelError;
 pub(crate) use crate::predictor::guard::MAX_POLICY_BYTES;
 use crate::predictor::guard::{self, Fault};
 use chain::Chain;
+pub use proposal::{NoContract, Origin, Proposal, propose};
 use session::SharedSession;
 
 /// A policy network, ready to be run by any number of instances.
@@ -56,13 +58,21 @@ impl PolicyNetwork {
     /// The file is missing, oversized, truncated, recurrent or no network of one observation, or no
     /// runtime takes it.
     pub fn load(path: &Path) -> Result<Self, ModelError> {
+        Self::from_bytes(&Self::read(path)?, path)
+    }
+
+    /// The bytes of a network's file, which are no larger than a network's may be.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn read(path: &Path) -> Result<Vec<u8>, ModelError> {
         let unreadable =
             |error: std::io::Error| ModelError(Finding::new(path, "file", error, "a readable model file"));
         let mut bytes = Vec::new();
         std::fs::File::open(path)
             .and_then(|file| file.take(guard::MAX_POLICY_BYTES + 1).read_to_end(&mut bytes))
             .map_err(unreadable)?;
-        Self::from_bytes(&bytes, path)
+        Ok(bytes)
     }
 
     /// A network from the bytes of `file`, which is only named in errors.

@@ -249,7 +249,7 @@ const JOINTS: [&str; 12] = [
     "RH_HFE", "RH_KFE",
 ];
 
-fn contract() -> Contract {
+pub(super) fn contract() -> Contract {
     let defaults =
         JOINTS.map(|joint| format!("{joint} = {}", if joint.ends_with("KFE") { -0.8 } else { 0.1 }));
     let text = format!(

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, SystemTime};
 
-use super::{Pace, Place, Roster, Skill, Supervision};
+use super::{Pace, Place, Roster, Skill, Supervision, give_way};
 use crate::installation::Installation;
 use crate::lock::{Intake, Lock, PublicKey};
 use crate::manifest::{Deployment, Finding, SkillManifest};
@@ -138,6 +138,13 @@ fn files(installation: &Installation, skill: &str) -> Files {
     paths.into_iter().map(|path| (path.clone(), stamp(&path))).collect()
 }
 
+fn intake<'a>(installation: &'a Installation, lock: Option<&'a Lock>) -> Intake<'a> {
+    match lock {
+        Some(lock) => Intake::locked(&installation.root, lock),
+        None => Intake::open(&installation.root),
+    }
+}
+
 /// What looks at the files; a [`Follower`] does so from its thread.
 #[derive(Debug)]
 pub struct Watch {
@@ -193,10 +200,7 @@ impl Watch {
     fn take_up(&mut self, locked: [Stamp; 2]) -> Result<Roster, Finding> {
         let Followed { installation, name, keys, seen } = &self.followed;
         let lock = keys.as_ref().map(|_| Lock::read(installation, name)).transpose()?;
-        let intake = match &lock {
-            Some(lock) => Intake::locked(&installation.root, lock),
-            None => Intake::open(&installation.root),
-        };
+        let intake = intake(installation, lock.as_ref());
         let deployment = deployment_through(installation, name, &intake)?;
         if let (Some(lock), Some(keys)) = (&lock, keys) {
             lock.check_signature(keys)?;
@@ -221,8 +225,7 @@ impl Watch {
                 events.push(format!("skill {skill} is gone: it has no manifest any more"));
                 continue;
             }
-            let loaded = load_deployed(installation, &deployment, skill, &self.robot.description, &intake);
-            match loaded.map_err(|refusal| refusal.to_string()).and_then(|loaded| self.ready(loaded)) {
+            match self.load(&deployment, skill, lock.as_ref()).and_then(|loaded| self.ready(loaded)) {
                 Ok(ready) => {
                     events.push(format!("skill {skill} takes part from now on"));
                     places.push(Place::New(ready));
@@ -248,8 +251,22 @@ impl Watch {
         Ok(Roster { places, events })
     }
 
-    fn ready(&self, loaded: crate::registry::LoadedSkill) -> Result<Skill, String> {
-        let skill = Skill::of(loaded, &self.robot.description).map_err(|error| error.to_string())?;
+    /// Loads a skill on a thread that gives way to the loop.
+    fn load(&self, deployment: &Deployment, skill: &str, lock: Option<&Lock>) -> Result<Skill, String> {
+        let (installation, robot) = (&self.followed.installation, &self.robot.description);
+        let load = || {
+            give_way();
+            let intake = intake(installation, lock);
+            let loaded = load_deployed(installation, deployment, skill, robot, &intake);
+            let loaded = loaded.map_err(|refusal| refusal.to_string())?;
+            Skill::of(loaded, robot).map_err(|error| error.to_string())
+        };
+        let loaded = std::thread::scope(|scope| scope.spawn(load).join());
+        loaded.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+
+    /// The skill as the loop takes it. Its workers have the priority of this thread, which is the loop's.
+    fn ready(&self, skill: Skill) -> Result<Skill, String> {
         match self.supervision {
             Some(supervision) if supervision.pace == Pace::Real => {
                 skill.watched(supervision.act(), supervision.predict()).map_err(|error| error.to_string())

@@ -3,6 +3,7 @@
 //! Source-agnostic and, in simulated time, deterministic: a clock only measures there. It opens
 //! nothing and never gives up. Whatever fails, it stands; DESIGN's table of faults is this file.
 
+mod background;
 mod deadline;
 mod drive;
 #[cfg(test)]
@@ -21,6 +22,7 @@ use std::time::Duration;
 use thiserror::Error;
 use vocaloco_plugin_api::{CommandKind, JointTarget};
 
+pub use background::give_way;
 use deadline::{Overruns, WatchedController, WatchedPredictors};
 pub use deadline::{Pace, Supervision, TickSummary, TickTimes};
 use drive::Way;

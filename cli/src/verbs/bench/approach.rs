@@ -8,27 +8,28 @@ use vocaloco_plugin_api::Command;
 /// Ticks after which the stairs are as far away as at the start.
 pub(super) const APPROACH_TICKS: usize = 64;
 
-/// The robot as it stands, told that it walks, before stairs of 12 cm that come nearer.
+/// The robot before stairs that come nearer.
 pub(super) fn approach(robot: &RobotModel) -> Vec<Observation> {
-    let observation = |tick: usize| {
-        let nearest_m = 0.8 - 0.012 * tick as f64;
-        Observation {
-            t_s: 0.0,
-            joint_position_rad: robot.stand_position_rad(),
-            joint_velocity_rad_per_s: vec![0.0; robot.joint_count()],
-            joint_torque_nm: Some(vec![0.0; robot.joint_count()]),
-            foot_contact: Some(vec![true; robot.description.feet.len()]),
-            base_linear_velocity: [0.6, 0.0, 0.0],
-            base_angular_velocity: [0.0; 3],
-            projected_gravity: [0.0, 0.0, -1.0],
-            base_in_odom: None,
-            elevation: Some(stairs(nearest_m, robot.description.stand_height_m)),
-            command: Command::velocity(0.6, 0.0, 0.0),
-            field_noise: None,
-            heightfield: None,
-        }
-    };
-    (0..APPROACH_TICKS).map(observation).collect()
+    (0..APPROACH_TICKS).map(|tick| observation(robot, 0.8 - 0.012 * tick as f64)).collect()
+}
+
+/// The robot as it stands, told that it walks, before stairs of 12 cm that begin `nearest_m` ahead.
+pub(super) fn observation(robot: &RobotModel, nearest_m: f64) -> Observation {
+    Observation {
+        t_s: 0.0,
+        joint_position_rad: robot.stand_position_rad(),
+        joint_velocity_rad_per_s: vec![0.0; robot.joint_count()],
+        joint_torque_nm: Some(vec![0.0; robot.joint_count()]),
+        foot_contact: Some(vec![true; robot.description.feet.len()]),
+        base_linear_velocity: [0.6, 0.0, 0.0],
+        base_angular_velocity: [0.0; 3],
+        projected_gravity: [0.0, 0.0, -1.0],
+        base_in_odom: None,
+        elevation: Some(stairs(nearest_m, robot.description.stand_height_m)),
+        command: Command::velocity(0.6, 0.0, 0.0),
+        field_noise: None,
+        heightfield: None,
+    }
 }
 
 /// Four steps up of 12 cm, 30 cm deep, the first `nearest_m` ahead of a base `height_m` over the floor.

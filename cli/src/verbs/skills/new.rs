@@ -1,11 +1,13 @@
-//! `skills new NAME`: a plugin crate from `plugins/template`, a manifest and a skill folder, and the
-//! crate's name among the workspace's members. Nothing that exists is overwritten.
+//! `skills new NAME`: the start of a skill, from an exported network or as a plugin. Nothing that exists is
+//! overwritten.
 
-use std::fs;
-use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
+mod manifest_text;
+mod plugin_crate;
+mod policy;
 
-use anyhow::{Context, bail, ensure};
+use std::path::PathBuf;
+
+use anyhow::ensure;
 use serde::Serialize;
 use vocaloco_core::installation::Installation;
 use vocaloco_core::manifest::is_snake_case;
@@ -14,18 +16,56 @@ use crate::exit::Exit;
 use crate::output;
 use crate::verbs::Shared;
 
+/// Start a skill: from an exported policy network, or as a plugin in Rust.
+///
+/// With `--from policy.onnx` there is no code to write. What the network was trained with (joints,
+/// observation, action, gains) becomes the manifest's [contract]: read from the file's metadata as Isaac
+/// Lab, mjlab and this project's trainer write it, completed by `--contract`. It is held against the
+/// network's inputs and outputs and against the robot, and driven for a moment. A network that is refused
+/// leaves nothing behind; the exit code is then 1, and what is missing is shown as it could be written.
+///
+/// Without `--from` it writes a plugin crate with its own test from the template, a manifest and a
+/// parameter file, and makes the crate a member of the workspace.
+///
+/// docs/add-a-skill.md leads from here to a running robot.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     shared: Shared,
-    /// Name of the skill and of its plugin: lower case, digits and underscores
+    /// Name of the skill, and of its plugin where it brings one: lower case, digits and underscores
     #[arg(value_name = "NAME")]
     name: String,
+    /// The policy network to run, an ONNX file of one observation in, the actions out
+    #[arg(long, value_name = "FILE")]
+    from: Option<PathBuf>,
+    /// TOML with a [contract], such as another skill's manifest: its fields stand in place of the metadata's
+    #[arg(long, value_name = "FILE", requires = "from")]
+    contract: Option<PathBuf>,
+    /// Robot that the policy is for
+    #[arg(long, default_value = "anymal_d", value_name = "NAME", requires = "from")]
+    robot: String,
+    /// One line for people
+    #[arg(long, default_value = "Runs a policy network", value_name = "TEXT", requires = "from")]
+    summary: String,
+    /// Forward velocities that the policy was trained for, m/s
+    #[arg(
+        long,
+        default_value = "0,0.7",
+        value_delimiter = ',',
+        allow_hyphen_values = true,
+        value_name = "LEAST,GREATEST",
+        requires = "from"
+    )]
+    forward_m_per_s: Vec<f64>,
+    /// How far ahead targets are set for a policy that observes `position_target`, m
+    #[arg(long, default_value_t = 1.5, value_name = "M", requires = "from")]
+    target_distance_m: f64,
     /// Folder of plugin crates, relative to the installation
-    #[arg(long, default_value = "plugins", value_name = "DIR")]
+    #[arg(long, default_value = "plugins", value_name = "DIR", conflicts_with = "from")]
     dir: PathBuf,
 }
 
+/// What was written, and what comes next.
 #[derive(Serialize)]
 struct Report<'a> {
     command: &'static str,
@@ -34,188 +74,45 @@ struct Report<'a> {
     name: &'a str,
     written: Vec<String>,
     next: Vec<String>,
-}
-
-macro_rules! template {
-    ($file:literal) => {
-        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../plugins/template/", $file))
-    };
+    #[serde(skip_serializing_if = "Option::is_none", flatten)]
+    policy: Option<policy::Facts>,
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     let name = args.name.as_str();
     ensure!(is_snake_case(name), "NAME: found {name:?}, wanted snake_case, such as `side_step`");
-    ensure!(!is_keyword(name), "NAME: found {name:?}, a word of Rust or of cargo, wanted another name");
-    let root = Installation::find()?.root;
-    let dir = &args.dir;
-    ensure!(
-        dir.components().all(|part| matches!(part, std::path::Component::Normal(_))),
-        "--dir: found {}, wanted a folder inside {}",
-        dir.display(),
-        root.display()
-    );
-    let workspace = root.join("Cargo.toml");
-    let members = with_member(&workspace, &dir.join(name))?;
-
-    let plugin = dir.join(name);
-    let files = [
-        (plugin.join("Cargo.toml"), template!("Cargo.toml.template")),
-        (plugin.join("src/lib.rs"), template!("lib.rs")),
-        (plugin.join("tests/contract.rs"), template!("contract.rs")),
-        (PathBuf::from(format!("manifests/skills/{name}.toml")), template!("manifest.toml")),
-        (PathBuf::from(format!("skills/{name}/{name}.toml")), template!("parameters.toml")),
-    ];
-    for (path, _) in &files {
-        let there = root.join(path).try_exists().with_context(|| path.display().to_string())?;
-        ensure!(!there, "{}: found a file of that name, wanted none: nothing is overwritten", path.display());
+    let installation = Installation::find()?;
+    match &args.from {
+        Some(file) => policy::make(args, &installation, file),
+        None => plugin_crate::make(args, &installation.root),
     }
-    for (path, text) in &files {
-        write_new(&root.join(path), &named(text, name))?;
-    }
-    fs::write(&workspace, members).with_context(|| workspace.display().to_string())?;
-
-    let mut written: Vec<String> = files.iter().map(|(path, _)| path.display().to_string()).collect();
-    written.push("Cargo.toml (a member)".to_owned());
-    let package = package(name);
-    let next = vec![
-        format!("cargo test --package {package}"),
-        format!("cargo build --package {package}"),
-        format!("vocaloco collect --skill {name} --kind viability --samples 5000"),
-        format!("vocaloco collect --skill {name} --kind cot --samples 5000"),
-        format!("vocaloco train --skill {name}"),
-        format!("vocaloco skills check {name}"),
-    ];
-    let report = Report {
-        command: "skills new",
-        seed: args.shared.seed,
-        version: env!("CARGO_PKG_VERSION"),
-        name,
-        written,
-        next,
-    };
-    if args.shared.json {
-        output::json(&report)?;
-    } else {
-        output::line(&format!("wrote\n  {}", report.written.join("\n  ")))?;
-        output::line(&format!("next\n  {}", report.next.join("\n  ")))?;
-    }
-    Ok(Exit::Fine)
 }
 
-/// A template's text with the skill's name in its three spellings.
-fn named(template: &str, name: &str) -> String {
-    let camel: String = name.split('_').map(capitalised).collect();
-    template
-        .replace("vocaloco-template-skill", &package(name))
-        .replace("template_skill", name)
-        .replace("TemplateSkill", &camel)
-}
-
-fn package(name: &str) -> String {
-    format!("vocaloco-{}", name.replace('_', "-"))
-}
-
-fn capitalised(word: &str) -> String {
-    let mut letters = word.chars();
-    letters.next().map(|first| first.to_ascii_uppercase().to_string() + letters.as_str()).unwrap_or_default()
-}
-
-/// Names that cargo or rustc refuse for a crate, or that the workspace has.
-fn is_keyword(name: &str) -> bool {
-    const WORDS: [&str; 45] = [
-        "abstract", "api", "as", "async", "await", "become", "box", "break", "const", "continue", "core",
-        "crate", "do", "dyn", "else", "enum", "extern", "false", "final", "fn", "for", "if", "impl", "in",
-        "let", "loop", "match", "mod", "move", "mut", "pub", "ref", "return", "self", "static", "std",
-        "struct", "super", "template", "test", "true", "type", "use", "where", "while",
-    ];
-    WORDS.contains(&name)
-}
-
-/// The workspace's `Cargo.toml` with `member` added, comments and order kept.
-fn with_member(workspace: &Path, member: &Path) -> anyhow::Result<String> {
-    let member = member.to_string_lossy().replace('\\', "/");
-    let text = fs::read_to_string(workspace).with_context(|| {
-        format!("{}: found no workspace, wanted the source tree: a plugin is a crate", workspace.display())
-    })?;
-    let members = |text: &str| -> anyhow::Result<Vec<String>> {
-        let table: toml::Table = text.parse().with_context(|| workspace.display().to_string())?;
-        let list = table.get("workspace").and_then(|it| it.get("members")).and_then(toml::Value::as_array);
-        let list = list.with_context(|| format!("{}: workspace.members: found none", workspace.display()))?;
-        Ok(list.iter().filter_map(toml::Value::as_str).map(str::to_owned).collect())
-    };
-    let before = members(&text)?;
-    ensure!(!before.contains(&member), "{}: {member:?} is a member already", workspace.display());
-    let by_hand = || format!("{}: add {member:?} to workspace.members by hand", workspace.display());
-    let start = text.find("\nmembers = [").with_context(by_hand)?;
-    let end = start + text[start..].find(']').with_context(by_hand)?;
-    let list = text[start..end].trim_end();
-    let separator = match (list.ends_with(','), list.ends_with('['), list.contains("[\n")) {
-        (_, _, true) => "\n    ",
-        (false, false, false) => " ",
-        (_, _, false) => "",
-    };
-    let comma = if list.ends_with([',', '[']) { "" } else { "," };
-    let tail = if separator.starts_with('\n') { ",\n" } else { "" };
-    let added = format!("{list}{comma}{separator}{member:?}{tail}");
-    let edited = format!("{}{added}{}", &text[..start], &text[end..]);
-    let mut wanted = before;
-    wanted.push(member.clone());
-    if members(&edited).ok() != Some(wanted) {
-        bail!(by_hand());
-    }
-    Ok(edited)
-}
-
-fn write_new(path: &Path, text: &str) -> anyhow::Result<()> {
-    let written = || -> std::io::Result<()> {
-        fs::create_dir_all(path.parent().unwrap_or(Path::new(".")))?;
-        let mut file = fs::File::create_new(path)?;
-        std::io::Write::write_all(&mut file, text.as_bytes())
-    };
-    written().map_err(|error| match error.kind() {
-        ErrorKind::AlreadyExists => anyhow::anyhow!("{}: exists, nothing is overwritten", path.display()),
-        _ => anyhow::Error::new(error).context(path.display().to_string()),
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn added(text: &str) -> anyhow::Result<String> {
-        let folder = tempfile::tempdir().expect("a temporary folder");
-        let path = folder.path().join("Cargo.toml");
-        fs::write(&path, text).expect("written");
-        with_member(&path, Path::new("plugins/side_step"))
-    }
-
-    #[test]
-    fn a_member_is_added_to_a_list_of_any_form_and_the_rest_stays() {
-        for (before, after) in [
-            (
-                "[workspace]\nmembers = [\"a\"]\n# b\n",
-                "[workspace]\nmembers = [\"a\", \"plugins/side_step\"]\n# b\n",
-            ),
-            ("[workspace]\nmembers = []\n", "[workspace]\nmembers = [\"plugins/side_step\"]\n"),
-            (
-                "[workspace]\nmembers = [\n    \"a\",\n    \"b\",\n]\n",
-                "[workspace]\nmembers = [\n    \"a\",\n    \"b\",\n    \"plugins/side_step\",\n]\n",
-            ),
-        ] {
-            assert_eq!(added(before).expect("added"), after);
+impl Args {
+    fn report(
+        &self,
+        written: Vec<String>,
+        next: Vec<String>,
+        policy: Option<policy::Facts>,
+    ) -> anyhow::Result<Exit> {
+        let report = Report {
+            command: "skills new",
+            seed: self.shared.seed,
+            version: env!("CARGO_PKG_VERSION"),
+            name: &self.name,
+            written,
+            next,
+            policy,
+        };
+        if self.shared.json {
+            output::json(&report)?;
+            return Ok(Exit::Fine);
         }
-    }
-
-    #[test]
-    fn a_list_that_cannot_be_edited_is_left_with_an_instruction() {
-        let error = added("[workspace]\nmembers=[\"a\"]\n").expect_err("refused").to_string();
-        assert!(error.contains("by hand") && error.contains("plugins/side_step"), "{error}");
-        added("[workspace]\nmembers = [\"plugins/side_step\"]\n").expect_err("there already");
-    }
-
-    #[test]
-    fn a_name_is_spelled_in_all_three_ways() {
-        let text = named("vocaloco-template-skill template_skill TemplateSkill", "side_step");
-        assert_eq!(text, "vocaloco-side-step side_step SideStep");
+        output::line(&format!("wrote\n  {}", report.written.join("\n  ")))?;
+        if let Some(facts) = &report.policy {
+            output::line(&format!("contract\n  {}", facts.lines().join("\n  ")))?;
+        }
+        output::line(&format!("next\n  {}", report.next.join("\n  ")))?;
+        Ok(Exit::Fine)
     }
 }

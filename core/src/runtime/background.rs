@@ -1,0 +1,51 @@
+//! Work beside the loop that gives way to it.
+
+/// Lets the calling thread, and what it starts from now on, give way to a loop that runs at a real-time priority.
+///
+/// Threads inherit the policy by which they are scheduled: loading a skill would take the only core of a loop that
+/// is held to it for as long as it lasts. The thread goes back to the system's normal policy; where that is
+/// refused, it goes on as it was. Other systems than Linux do nothing here.
+#[cfg_attr(target_os = "linux", allow(unsafe_code, reason = "the scheduler is reached through C alone"))]
+pub fn give_way() {
+    #[cfg(target_os = "linux")]
+    // SAFETY: the call is about the calling thread, which 0 stands for, and reads `parameters`, a plain struct of
+    // integers for which all zeros is the normal policy's only value.
+    unsafe {
+        let parameters: libc::sched_param = std::mem::zeroed();
+        libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const parameters);
+    }
+}
+
+#[cfg(test)]
+#[cfg(target_os = "linux")]
+mod tests {
+    use super::*;
+
+    /// Policy of the calling thread: field 41 of its stat.
+    fn policy() -> i32 {
+        let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
+        let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+        fields[38].parse().unwrap()
+    }
+
+    /// The policy for batches stands for a real-time one, which takes a privilege to set.
+    #[test]
+    #[allow(unsafe_code, reason = "the scheduler is reached through C alone")]
+    fn the_thread_that_gives_way_is_a_normal_one_and_the_others_are_as_they_were() {
+        let outer = std::thread::spawn(|| {
+            // SAFETY: as in `give_way`.
+            unsafe {
+                let parameters: libc::sched_param = std::mem::zeroed();
+                assert_eq!(libc::sched_setscheduler(0, libc::SCHED_BATCH, &raw const parameters), 0);
+            }
+            let inherits = std::thread::spawn(policy).join().unwrap();
+            let gives_way = std::thread::spawn(|| {
+                give_way();
+                policy()
+            });
+            [policy(), inherits, gives_way.join().unwrap(), policy()]
+        });
+        let [batch, normal] = [libc::SCHED_BATCH, libc::SCHED_OTHER];
+        assert_eq!(outer.join().unwrap(), [batch, batch, normal, batch]);
+    }
+}
