@@ -174,13 +174,14 @@ impl Environment {
 
     /// Moves the curriculum by the episode that ended, and starts the next one.
     ///
-    /// An episode that had less than half of the full time moves nothing: it says little about the level.
+    /// An episode that had less than half of the full time, or less than a target is ever given, moves nothing:
+    /// it says little about the level.
     pub fn begin_episode(&mut self) {
         let config = &self.ground.config;
-        let full_s = config.target.map_or(config.episode_s, |target| target.time_s[0]);
-        let full = (f64::from(full_s) / TICK_S) as u32;
+        let enough_s = config.target.map_or(0.5 * config.episode_s, |target| target.time_s[0]);
+        let enough = (f64::from(enough_s) / TICK_S) as u32;
         if let Some(end) = self.end
-            && self.episode.ticks >= full / 2
+            && self.episode.ticks >= enough
         {
             let base = &self.plant.measure().base;
             let time_s = f64::from(self.episode.ticks) * TICK_S;
