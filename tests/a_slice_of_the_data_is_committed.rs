@@ -3,11 +3,20 @@
 
 use std::{fs, path::PathBuf};
 
+use std::sync::Arc;
+
+use vocaloco_core::{
+    registry::{ModelPolicy, load_skill},
+    robot::RobotModel,
+};
 use vocaloco_sim::{
-    dataset::{self, Dataset, Kind},
+    collect::Collection,
+    dataset::{self, Dataset, Kind, Layout, Shard},
+    identity,
+    rollout::RolledSkill,
     terrain::TerrainKind,
 };
-use vocaloco_tests::repository;
+use vocaloco_tests::{repository, shipped};
 
 fn folder(kind: Kind) -> PathBuf {
     repository().join("tests/data/walk").join(kind.id())
@@ -50,6 +59,44 @@ fn both_kinds_see_the_same_fields() {
     assert_eq!(viability.meta.config.seed, cot.meta.config.seed);
     for (row, number) in cot.rows.iter().enumerate() {
         assert_eq!(cot.fields[row], viability.fields[*number as usize], "row {number}");
+    }
+}
+
+/// A change of the simulator that moves a skill's data shows here, in rows collected long ago.
+#[test]
+fn its_first_rows_are_collected_again_with_the_same_bits_and_the_same_meta() {
+    let robot = Arc::new(RobotModel::load(&shipped().robots_folder(), "anymal_d").expect("the robot"));
+    let walk = load_skill(&shipped(), "walk", &robot.description, ModelPolicy::Optional).expect("walk");
+    let skill = RolledSkill::from_loaded(&walk, &robot).expect("it can be rolled out");
+    let source = identity::source_sha256(&repository().join("plugins/gait")).expect("its sources");
+    for kind in [Kind::Viability, Kind::Cot] {
+        let kept = slice(kind);
+        let layout = Layout { rows: 3, rows_per_shard: 3 };
+        let collection = Collection {
+            robot: &robot,
+            skill: &skill,
+            kind,
+            config: &kept.meta.config,
+            layout,
+            shard: Shard::ALL,
+            threads: 0,
+            resume: false,
+            plugin_source_sha256: source.clone(),
+        };
+        let meta =
+            dataset::Meta { rows: layout.rows, rows_per_shard: layout.rows_per_shard, ..kept.meta.clone() };
+        let text = |meta| serde_json::to_string(meta).expect("a text");
+        assert_eq!(text(&collection.meta()), text(&meta), "{kind:?}");
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        collection.run(folder.path(), &|_| {}).expect("collects");
+        let again = dataset::read(folder.path()).expect("reads");
+        for (at, row) in again.rows.iter().enumerate() {
+            assert_eq!(*row, kept.rows[at], "{kind:?}");
+            assert_eq!(again.fields[at], kept.fields[at], "{kind:?}, row {row}");
+            assert_eq!(again.labels[at].to_bits(), kept.labels[at].to_bits(), "{kind:?}, row {row}");
+            assert_eq!(again.successes[at], kept.successes[at], "{kind:?}, row {row}");
+        }
+        assert!(!again.is_empty());
     }
 }
 

@@ -113,6 +113,35 @@ fn one_thread_and_two_give_the_same_bytes() {
 }
 
 #[test]
+fn rows_that_start_midway_in_a_rollout_repeat_on_any_number_of_threads() {
+    let settled = config(Kind::Viability, 1);
+    let midway = CollectConfig { own_starts_share: Some(1.0), ..settled.clone() };
+    let (one, two) = (folder(), folder());
+    run(&collection(&midway, Kind::Viability), one.path()).expect("collects");
+    run(&Collection { threads: 2, ..collection(&midway, Kind::Viability) }, two.path()).expect("collects");
+    assert_same(two.path(), one.path());
+    let (moved, stood) =
+        (dataset::read(one.path()).expect("reads"), dataset::read(whole(Kind::Viability)).expect("reads"));
+    let differing = (0..moved.len()).filter(|row| moved.fields[*row] != stood.fields[*row]).count();
+    assert!(differing >= 3, "{differing} of {} rows see other ground than the settled robot", moved.len());
+    assert_eq!(moved.terrain, stood.terrain, "on the same tiles");
+}
+
+#[test]
+fn a_share_of_the_rows_starts_midway_and_the_others_are_as_without() {
+    let settled = config(Kind::Viability, 1);
+    let some = CollectConfig { own_starts_share: Some(0.5), ..settled.clone() };
+    let mixed = folder();
+    run(&collection(&some, Kind::Viability), mixed.path()).expect("collects");
+    let (mixed, stood) =
+        (dataset::read(mixed.path()).expect("reads"), dataset::read(whole(Kind::Viability)).expect("reads"));
+    let same = (0..mixed.len()).filter(|row| mixed.fields[*row] == stood.fields[*row]).count();
+    assert!((1..mixed.len()).contains(&same), "{same} of {} rows start from the stand", mixed.len());
+    let text = serde_json::to_string(&settled).expect("a text");
+    assert!(!text.contains("own_starts"), "a collection without is as ever: {text}");
+}
+
+#[test]
 fn a_killed_run_resumes_and_ends_with_the_same_bytes() {
     let config = config(Kind::Viability, 1);
     let killed = folder();

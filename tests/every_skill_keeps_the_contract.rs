@@ -81,8 +81,9 @@ impl Measured {
     }
 }
 
-fn command() -> Command {
-    Command::velocity(0.6, 0.0, 0.1)
+fn command(skill: &LoadedSkill) -> Command {
+    let velocity = Command::velocity(0.6, 0.0, 0.1);
+    Command { kind: skill.manifest.command.kind, target: [1.2, -0.1, 0.05, 5.0], ..velocity }
 }
 
 fn instance(skill: &LoadedSkill, robot: &RobotModel) -> PluginInstance {
@@ -92,7 +93,7 @@ fn instance(skill: &LoadedSkill, robot: &RobotModel) -> PluginInstance {
 fn act(
     instance: &mut PluginInstance,
     measured: &Measured,
-    robot: &RobotModel,
+    (skill, robot): (&LoadedSkill, &RobotModel),
 ) -> Result<Vec<JointTarget>, SkillError> {
     // Filled with NaN, so that a target left untouched is noticed.
     let untouched = JointTarget {
@@ -102,7 +103,7 @@ fn act(
         feed_forward_nm: f32::NAN,
     };
     let mut joints = vec![untouched; robot.joint_count()];
-    instance.act(&measured.state(), &command(), &mut joints).map(|()| joints)
+    instance.act(&measured.state(), &command(skill), &mut joints).map(|()| joints)
 }
 
 /// The targets of a whole sequence from a reset on.
@@ -111,7 +112,7 @@ fn sequence(instance: &mut PluginInstance, skill: &LoadedSkill, robot: &RobotMod
     instance.reset(&Measured::at(0, skill, robot).state()).unwrap_or_else(|error| panic!("{name}: {error}"));
     (0..TICKS)
         .map(|tick| {
-            act(instance, &Measured::at(tick, skill, robot), robot)
+            act(instance, &Measured::at(tick, skill, robot), (skill, robot))
                 .unwrap_or_else(|error| panic!("{name}, tick {tick}: {error}"))
         })
         .collect()
@@ -162,8 +163,8 @@ fn instances_do_not_disturb_each_other() {
         other.reset(&at(40).state()).expect("a reset");
         let mixed: Vec<_> = (0..TICKS)
             .map(|tick| {
-                act(&mut other, &at(tick + 40), &robot).expect("targets");
-                act(&mut one, &at(tick), &robot).expect("targets")
+                act(&mut other, &at(tick + 40), (&skill, &robot)).expect("targets");
+                act(&mut one, &at(tick), (&skill, &robot)).expect("targets")
             })
             .collect();
         same_bytes(name, "beside another instance", &alone, &mixed);
@@ -214,7 +215,7 @@ fn nan_and_infinity_are_an_error_or_survived_and_never_a_panic() {
                     if tick >= 10 {
                         spoil(&mut measured, value);
                     }
-                    match act(&mut one, &measured, &robot) {
+                    match act(&mut one, &measured, (&skill, &robot)) {
                         Err(error) => assert_ne!(error.code, ErrorCode::Panic, "{at}, tick {tick}: {error}"),
                         Ok(targets) => {
                             // Out of absurd but finite numbers may come what the runtime refuses.
@@ -245,12 +246,12 @@ fn arrays_of_another_length_are_an_error_that_names_them() {
         for (field, cut) in cuts {
             let mut measured = Measured::at(1, &skill, &robot);
             cut(&mut measured);
-            let error = act(&mut one, &measured, &robot).expect_err(field);
+            let error = act(&mut one, &measured, (&skill, &robot)).expect_err(field);
             assert!(error.code == ErrorCode::Input && error.message.contains(field), "{error}");
         }
         let mut few = vec![JointTarget::default(); 3];
         let state = Measured::at(1, &skill, &robot);
-        one.act(&state.state(), &command(), &mut few).expect_err("three targets");
+        one.act(&state.state(), &command(&skill), &mut few).expect_err("three targets");
     }
 }
 
@@ -297,7 +298,7 @@ fn a_robot_without_legs_is_an_error() {
             // It may hold nothing at all, but must not reach for joints that are not there.
             let mut measured = Measured::at(0, &skill, &robot);
             (measured.position_rad, measured.velocity_rad_per_s) = (vec![], vec![]);
-            let result = one.act(&measured.state(), &command(), &mut []);
+            let result = one.act(&measured.state(), &command(&skill), &mut []);
             assert!(result.err().is_none_or(|error| error.code != ErrorCode::Panic));
         }
     }

@@ -35,7 +35,7 @@ fn ground() -> &'static Arc<TrainingGround> {
             variants: 1,
             poses: 2,
             initial_level: 0,
-            terrain: vec![TerrainShare { kind: TerrainKind::Flat, share: 1.0, size_m: [0.0, 0.0] }],
+            terrain: vec![TerrainShare::new(TerrainKind::Flat, 1.0, [0.0, 0.0])],
             experts: BTreeMap::from([(TerrainKind::Flat, "walk".to_owned())]),
             start: StartRules { moving_share: 0.0, ..StartRules::default() },
             push: PushRules { speed_m_per_s: [0.0, 0.0], ..PushRules::default() },

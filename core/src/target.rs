@@ -5,10 +5,41 @@ use std::f32::consts::{PI, TAU};
 
 use vocaloco_plugin_api::{Command, CommandKind};
 
+use crate::manifest::SkillManifest;
 use crate::observation::BaseInOdom;
 
 /// A target counts as reached from here on, m, along the way to it.
 const REACHED_M: f32 = 0.05;
+
+/// How far ahead a skill's targets are set, and the time it has for each.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TargetRule {
+    /// Length of the way, m.
+    pub distance_m: f32,
+    /// s.
+    pub time_s: f64,
+}
+
+impl TargetRule {
+    /// A manifest's; none of a skill that follows velocities.
+    pub fn of(manifest: &SkillManifest) -> Option<Self> {
+        let distance_m = manifest.command.target_distance_m? as f32;
+        Some(Self { distance_m, time_s: manifest.rollout.time_limit_s })
+    }
+
+    /// Where a skill goes that is on its way to `going`: there until it is over, then to the next target,
+    /// set as [`PositionTarget::ahead`] says.
+    pub fn follow(
+        &self,
+        going: Option<PositionTarget>,
+        base: &BaseInOdom,
+        velocity: [f32; 2],
+        now_s: f64,
+    ) -> PositionTarget {
+        let going = going.filter(|target| !target.is_over(base, now_s));
+        going.unwrap_or_else(|| PositionTarget::ahead(base, velocity, self.distance_m, self.time_s, now_s))
+    }
+}
 
 /// A pose to be reached in time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,6 +147,18 @@ mod tests {
         assert!(!target.is_over(&base(1.4, 0.3, 0.2), 5.9));
         assert!(target.is_over(&base(1.46, 0.3, 0.2), 5.9), "sideways does not count");
         assert!(target.is_over(&base(0.1, 0.0, 0.0), 6.0));
+    }
+
+    #[test]
+    fn the_next_target_is_set_where_the_last_is_over() {
+        let rule = TargetRule { distance_m: 2.0, time_s: 6.0 };
+        let straight = |going, x, now_s| rule.follow(going, &base(x, 0.0, 0.0), [0.6, 0.0], now_s);
+        let first = straight(None, 0.0, 0.0);
+        assert_eq!(straight(Some(first), 1.9, 5.9), first, "neither reached nor out of time");
+        for (x, now_s) in [(1.96, 3.0), (0.5, 6.0)] {
+            let next = straight(Some(first), x, now_s);
+            close(next.command(&base(x, 0.0, 0.0), [0.0; 3], now_s).target, [2.0, 0.0, 0.0, 6.0]);
+        }
     }
 
     #[test]

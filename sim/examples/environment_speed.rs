@@ -32,7 +32,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let library = PluginLibrary::open(&[plugins.into()], "gait")?;
     let parameters = std::fs::read_to_string(repository.join("skills/ascend/gait.toml"))?;
     let ascend = RolledSkill::new("ascend", library, &parameters, &robot)?;
-    let share = |kind, share, size_m| TerrainShare { kind, share, size_m };
+    let share = |kind, share, size_m| TerrainShare::new(kind, share, size_m);
     let terrain = vec![
         share(TerrainKind::StairsUp, 0.75, [0.05, 0.3]),
         share(TerrainKind::Rough, 0.125, [0.0, 0.1]),

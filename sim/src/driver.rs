@@ -2,7 +2,11 @@
 //! plant does with its targets. Collection, optimisation and evaluation all drive through here.
 
 use rand_chacha::ChaCha8Rng;
-use vocaloco_core::plugin::PluginInstance;
+use vocaloco_core::{
+    observation::BaseInOdom,
+    plugin::PluginInstance,
+    target::{PositionTarget, TargetRule},
+};
 use vocaloco_plugin_api::{Command, ErrorCode, JointTarget, SkillError, TerrainPatch};
 
 pub use crate::sensing::SensorNoise;
@@ -20,6 +24,9 @@ pub struct Driver<'a, P = Plant> {
     terrain: &'a Terrain,
     instance: &'a mut PluginInstance,
     patch: Option<TerrainPatch>,
+    aim: Option<TargetRule>,
+    /// Where the skill is going, if it takes targets and is on its way.
+    target: Option<PositionTarget>,
     sensors: Sensors,
     time_s: f64,
     targets: Vec<JointTarget>,
@@ -41,11 +48,21 @@ impl<'a, P: Physics> Driver<'a, P> {
             terrain,
             patch: instance.needs().terrain.into_option(),
             instance,
+            aim: None,
+            target: None,
             sensors: Sensors::new(noise, rng),
             time_s: 0.0,
             targets: vec![JointTarget::default(); joints],
             latency: Latency::default(),
         }
+    }
+
+    /// Gives the plugin position targets by this rule, as the runtime does, in place of the velocities that
+    /// [`tick`](Self::tick) is told; the odometry frame is the world.
+    #[must_use]
+    pub fn aiming(mut self, rule: Option<TargetRule>) -> Self {
+        self.aim = rule;
+        self
     }
 
     /// Lets targets reach the drives `ticks` late; until the first do, the stand holds the joints
@@ -56,23 +73,30 @@ impl<'a, P: Physics> Driver<'a, P> {
         self
     }
 
-    /// Resets the plugin to the plant's present state.
+    /// Resets the plugin to the plant's present state; a position target is set at the next tick.
     ///
     /// # Errors
     /// What the plugin reports.
     pub fn start(&mut self) -> Result<(), SkillError> {
+        self.target = None;
         self.observe();
         self.instance.reset(&self.sensors.state(self.time_s))
     }
 
-    /// Lets another plugin drive from here on, reset to the plant's present state. Time goes on, sensors
-    /// stay, and targets on their way still arrive.
+    /// Lets another plugin drive from here on, reset to the plant's present state and
+    /// [`aiming`](Self::aiming) by its own rule. Time goes on, sensors stay, and targets on their way still
+    /// arrive.
     ///
     /// # Errors
     /// What the plugin reports.
-    pub fn hand_over(&mut self, instance: &'a mut PluginInstance) -> Result<(), SkillError> {
+    pub fn hand_over(
+        &mut self,
+        instance: &'a mut PluginInstance,
+        rule: Option<TargetRule>,
+    ) -> Result<(), SkillError> {
         self.patch = instance.needs().terrain.into_option();
         self.instance = instance;
+        self.aim = rule;
         if self.patch.is_none() {
             self.sensors.look_at(&[]);
         }
@@ -81,11 +105,15 @@ impl<'a, P: Physics> Driver<'a, P> {
 
     /// One policy tick: observe, act, four physics steps. `after_step` runs after each of them.
     ///
+    /// `command` is a velocity; a plugin that takes targets is told the way to its own, which is set along
+    /// that velocity.
+    ///
     /// # Errors
     /// What the plugin reports, or targets that are not finite; the plant has not moved then.
     pub fn tick(&mut self, command: &Command, mut after_step: impl FnMut(&P)) -> Result<(), SkillError> {
         self.observe();
-        self.instance.act(&self.sensors.state(self.time_s), command, &mut self.targets)?;
+        let told = self.told(command);
+        self.instance.act(&self.sensors.state(self.time_s), &told, &mut self.targets)?;
         check_finite(&self.targets)?;
         let applied = self.latency.pass(&self.targets);
         for _ in 0..DECIMATION {
@@ -99,6 +127,15 @@ impl<'a, P: Physics> Driver<'a, P> {
     /// The targets of the latest tick.
     pub fn targets(&self) -> &[JointTarget] {
         &self.targets
+    }
+
+    fn told(&mut self, asked: &Command) -> Command {
+        let Some(rule) = self.aim else { return *asked };
+        let base = BaseInOdom::from(&self.plant.measure().base);
+        let [forward, left, _] = asked.velocity;
+        let target = rule.follow(self.target, &base, [forward, left], self.time_s);
+        self.target = Some(target);
+        target.command(&base, asked.velocity, self.time_s)
     }
 
     fn observe(&mut self) {

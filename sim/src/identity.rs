@@ -39,6 +39,7 @@ pub fn skill(skill: &RolledSkill, plugin_source_sha256: Option<String>) -> Skill
         plugin_source_sha256,
         parameters_sha256: sha256_hex(skill.parameters().as_bytes()),
         policy_sha256: skill.policy().map(|policy| policy.sha256().to_owned()),
+        target_distance_m: skill.target().map(|target| target.distance_m),
     }
 }
 

@@ -76,7 +76,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         }
     }
     let rolled = Rolled::load(&args.robot, &args.skill)?;
-    let own = RolloutRules::default();
+    let own = RolloutRules::of(&rolled.loaded.manifest.rollout);
     let query = Query {
         rules: RolloutRules { horizon_m, time_limit_s: own.time_limit_s * horizon_m / own.horizon_m, ..own },
         spawn: SpawnRules { yaw_rad: 0.1, any_yaw_share: 0.0, ..SpawnRules::default() },

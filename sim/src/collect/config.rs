@@ -31,6 +31,9 @@ pub struct CollectConfig {
     pub spawn: SpawnRules,
     /// Rollouts.
     pub rollout: RolloutRules,
+    /// Share of the rows that start where a rollout of the skill's own had the robot; none if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub own_starts_share: Option<f32>,
     /// Terrains.
     pub mixture: Mixture,
 }
@@ -47,15 +50,18 @@ impl CollectConfig {
             perturb: Perturbations::protocol(),
             spawn: SpawnRules::default(),
             rollout: RolloutRules::default(),
+            own_starts_share: None,
             mixture: Mixture::default(),
         }
     }
 
-    /// The same with a skill's own horizon and time limit, from its manifest.
+    /// The same with a skill's own horizon, time limit and starts, from its manifest.
     #[must_use]
     pub fn for_skill(mut self, rollout: &vocaloco_core::manifest::Rollout) -> Self {
         self.rollout.horizon_m = rollout.horizon_m;
         self.rollout.time_limit_s = rollout.time_limit_s;
+        let share = rollout.own_starts_share as f32;
+        self.own_starts_share = (share > 0.0).then_some(share);
         self
     }
 

@@ -2,6 +2,7 @@
 //! configuration and its own number alone, so threads, shards and kills change no byte.
 
 mod config;
+mod midway;
 mod mixture;
 mod row;
 mod run_log;

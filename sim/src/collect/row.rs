@@ -7,12 +7,13 @@ use vocaloco_core::{
     robot::RobotModel,
 };
 
+use super::midway::{donor, midway};
 use super::{CollectConfig, CollectError};
 use crate::{
     dataset::{Cost, Kind, Row},
     rollout::{Chance, Outcome, RolledSkill, Rollout, Trial},
     scene::{Scene, row_seed},
-    spawn::Spawner,
+    spawn::{Spawn, Spawner},
     stream::{stream, uniform},
 };
 
@@ -39,6 +40,9 @@ impl Work<'_> {
         let (terrain, size_m) = config.mixture.draw(&mut stream(seed, "terrain", &[]));
         let mut scene = Scene::stage(self.robot, &self.spawner, (terrain, size_m), seed, config.plant)
             .map_err(|source| CollectError::Pose { row, source })?;
+        if let Some(spawn) = self.own_start(&mut scene, seed) {
+            scene.spawn = spawn;
+        }
         let field = noisy_field(&scene.spawn.heightfield, config.field_noise_m, seed)
             .map_err(|source| CollectError::Field { row, source })?;
         let rollouts = self.roll_out(&mut scene, seed);
@@ -67,6 +71,16 @@ impl Work<'_> {
             cost: labelled.cost,
         };
         Ok((Some(row), steps))
+    }
+
+    /// Where a rollout of the skill's own had the robot, if this row is one of the share that starts so.
+    fn own_start(&self, scene: &mut Scene, seed: u64) -> Option<Spawn> {
+        let share = self.config.own_starts_share?;
+        let mut rng = stream(seed, "own_start", &[]);
+        let (is_one, draw) = (uniform(&mut rng, 0.0, 1.0) < share, uniform(&mut rng, 0.0, 1.0));
+        let (skill, rules) = (self.skill, &self.config.rollout);
+        let trial = Trial { terrain: &scene.terrain, spawn: &scene.spawn, skill, rules };
+        is_one.then(|| midway(&trial, &mut scene.plant, &donor(seed, self.config), draw)).flatten()
     }
 
     fn roll_out(&self, scene: &mut Scene, seed: u64) -> Vec<Rollout> {

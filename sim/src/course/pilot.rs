@@ -16,6 +16,7 @@ use crate::{
     driver::{DECIMATION, Driver, TICK_S},
     occlusion::{Occlusion, SeenMap, Unseen, levelled},
     plant::{Measurement, Plant},
+    rollout::RolledSkill,
     sensing::Sensors,
     stream::{stream, uniform},
     terrain::{CourseKind, Terrain, Vantage},
@@ -250,11 +251,11 @@ impl<'a> SkillPilot<'a> {
         config: &CourseConfig,
         plant: &'a mut Plant,
         terrain: &'a Terrain,
-        (name, instance): (&str, &'a mut PluginInstance),
+        (skill, instance): (&RolledSkill, &'a mut PluginInstance),
     ) -> Self {
         let rng = stream(config.seed, "course_sensors", &[config.rollout]);
-        let driver = Driver::new(plant, terrain, instance, config.noise, rng);
-        Self { name: name.to_owned(), driver, started: false, ticks: 0 }
+        let driver = Driver::new(plant, terrain, instance, config.noise, rng).aiming(skill.target());
+        Self { name: skill.name.clone(), driver, started: false, ticks: 0 }
     }
 }
 

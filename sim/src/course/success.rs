@@ -121,7 +121,7 @@ pub fn roll_out(
         }),
         Selector::Skill(skill) => {
             let mut instance = skill.instance(None, robot)?;
-            let skill = (skill.name.as_str(), &mut instance);
+            let skill = (*skill, &mut instance);
             let pilot: &mut dyn Pilot = &mut SkillPilot::new(config, &mut plant, &terrain, skill);
             drive(config, pilot)
         }

@@ -46,7 +46,7 @@ pub struct RobotId {
 }
 
 /// A skill by name, plugin and the hashes of what makes it behave as it does.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SkillId {
     /// Name.
@@ -62,6 +62,9 @@ pub struct SkillId {
     /// SHA-256 of the policy network, where it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub policy_sha256: Option<String>,
+    /// How far ahead its position targets are set, m, where it takes any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_distance_m: Option<f32>,
 }
 
 /// A physics engine.

@@ -7,6 +7,7 @@ use thiserror::Error;
 use vocaloco_plugin_api::contract::Contract;
 
 use super::reward::RewardConfig;
+use super::target::TargetRules;
 use crate::{plant::PlantKind, sensing::SensorNoise, spawn::SpawnRules, terrain::TerrainKind};
 
 /// Where and how a policy is trained. What is left out has the value of METHOD, sections 2 and 7.
@@ -42,6 +43,16 @@ pub struct EnvironmentConfig {
     pub start: StartRules,
     /// What is commanded.
     pub command: CommandRules,
+    /// Where to go instead, for a policy that takes position targets; by default as its manifest says.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<TargetRules>,
+    /// An episode goes on through contacts of the base that are no longer than this, s, and counts as no
+    /// success; none ends with the first contact.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_contact_s: Option<f32>,
+    /// A base this far below where its episode began has fallen, m; none lets it stand in a hole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fall_m: Option<f32>,
     /// Friction, mass and motor strength, drawn for each episode.
     pub variation: VariationRules,
     /// Pushes on the way.
@@ -67,6 +78,16 @@ pub struct TerrainShare {
     pub share: f32,
     /// Size at the easiest and at the hardest, m.
     pub size_m: [f32; 2],
+    /// Length of a wall's top along the way, least and most, m; by default the collection's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_m: Option<[f32; 2]>,
+}
+
+impl TerrainShare {
+    /// A terrain as deep as the collection's.
+    pub fn new(kind: TerrainKind, share: f32, size_m: [f32; 2]) -> Self {
+        Self { kind, share, size_m, depth_m: None }
+    }
 }
 
 /// Episodes that start in motion instead of from the stand.
@@ -137,15 +158,18 @@ impl Default for EnvironmentConfig {
             expert_patch_noise_m: 0.02,
             latency_ticks: [0, 1],
             terrain: vec![
-                TerrainShare { kind: TerrainKind::Flat, share: 0.6, size_m: [0.0, 0.0] },
-                TerrainShare { kind: TerrainKind::Discrete, share: 0.2, size_m: [0.0, 0.15] },
-                TerrainShare { kind: TerrainKind::Rough, share: 0.2, size_m: [0.0, 0.1] },
+                TerrainShare::new(TerrainKind::Flat, 0.6, [0.0, 0.0]),
+                TerrainShare::new(TerrainKind::Discrete, 0.2, [0.0, 0.15]),
+                TerrainShare::new(TerrainKind::Rough, 0.2, [0.0, 0.1]),
             ],
             experts: BTreeMap::new(),
             expert_parameters: BTreeMap::new(),
             spawn: SpawnRules { any_yaw_share: 0.0, ..SpawnRules::default() },
             start: StartRules::default(),
             command: CommandRules::default(),
+            target: None,
+            base_contact_s: None,
+            fall_m: None,
             variation: VariationRules::default(),
             push: PushRules::default(),
             noise: SensorNoise { patch_m: 0.1, ..SensorNoise::default() },
@@ -199,7 +223,7 @@ pub struct ConfigError {
 }
 
 impl ConfigError {
-    fn new(field: impl Into<String>, found: impl Into<String>, wanted: impl Into<String>) -> Self {
+    pub(super) fn new(field: impl Into<String>, found: impl Into<String>, wanted: impl Into<String>) -> Self {
         Self { field: field.into(), found: found.into(), wanted: wanted.into() }
     }
 }
@@ -237,12 +261,24 @@ impl EnvironmentConfig {
         ] {
             ordered(field, range, limits)?;
         }
+        inside("base_contact_s", self.base_contact_s.unwrap_or(0.0), 0.0..=5.0)?;
+        inside("fall_m", self.fall_m.unwrap_or(1.0), 0.1..=10.0)?;
+        ordered("spawn.start_before_m", self.spawn.start_before_m.unwrap_or_default(), 0.0..=3.0)?;
+        self.target.as_ref().map_or(Ok(()), TargetRules::check)?;
         if self.terrain.is_empty() {
             return Err(ConfigError::new("terrain", "none", "at least one [[environment.terrain]]"));
         }
         for (index, terrain) in self.terrain.iter().enumerate() {
             inside(format!("terrain[{index}].share"), terrain.share, 1e-6..=1e6)?;
             ordered(format!("terrain[{index}].size_m"), terrain.size_m, 0.0..=1.0)?;
+            let field = format!("terrain[{index}].depth_m");
+            match terrain.depth_m {
+                Some(_) if terrain.kind != TerrainKind::Wall => {
+                    return Err(ConfigError::new(field, "a depth", format!("none of {}", terrain.kind)));
+                }
+                Some(depth_m) => ordered(field, depth_m, 0.5..=10.0)?,
+                None => {}
+            }
         }
         self.reward.check()
     }
@@ -279,7 +315,7 @@ pub(super) fn inside(
     Err(ConfigError::new(field, value.to_string(), format!("{} to {}", limits.start(), limits.end())))
 }
 
-fn ordered(
+pub(super) fn ordered(
     field: impl Into<String>,
     [low, high]: [f32; 2],
     limits: RangeInclusive<f32>,
@@ -315,6 +351,11 @@ mod tests {
         assert_eq!(refused("levels = 3\ninitial_level = 3"), "initial_level");
         assert_eq!(refused("variation = { friction = [1.0, 0.5] }"), "variation.friction");
         assert_eq!(refused("terrain = []"), "terrain");
+        assert_eq!(refused("base_contact_s = nan"), "base_contact_s");
+        assert_eq!(refused("target = { distance_m = [2.0, 1.0], time_s = [4.0, 8.0] }"), "target.distance_m");
+        assert_eq!(refused("reward = { target = { half_m = 0.0 } }"), "reward.target.half_m");
+        let flat = "terrain = [{ kind = \"flat\", share = 1, size_m = [0.0, 0.0], depth_m = [1.5, 2.0] }]";
+        assert_eq!(refused(flat), "terrain[0].depth_m");
         let terrain = "terrain = [{ kind = \"flat\", share = 1, size_m = [0.0, 0.0] }, { kind = \"rough\", share = 0.0, size_m = [0.0, 0.1] }]";
         assert_eq!(refused(terrain), "terrain[1].share");
     }

@@ -1,6 +1,7 @@
 //! What is drawn for one episode.
 
 use rand_chacha::ChaCha8Rng;
+use vocaloco_core::target::TargetRule;
 
 use super::config::EnvironmentConfig;
 use crate::{driver::TICK_S, plant::Variation, rollout::RolloutRules, stream::uniform};
@@ -14,6 +15,8 @@ pub(super) struct Episode {
     pub(super) latency_ticks: u32,
     /// Velocity and steering; the other rules play no part.
     pub(super) rules: RolloutRules,
+    /// How far ahead its target is and the time for it, which is the episode's; none follows the velocity.
+    pub(super) target: Option<TargetRule>,
     /// Forward velocity that the base starts with, m/s.
     pub(super) start_m_per_s: f32,
     /// Where in its cycle an expert starts, 0 to 1.
@@ -52,7 +55,9 @@ impl Episode {
         let (speed, moving) = (within(config.start.forward_m_per_s), within([0.0, 1.0]));
         let start_m_per_s = if moving < config.start.moving_share { speed } else { 0.0 };
         let phase = within([0.0, 1.0]);
-        let all = (f64::from(config.episode_s) / TICK_S).round() as u32;
+        let way = config.target.map(|target| [within(target.distance_m), within(target.time_s)]);
+        let all_s = way.map_or(config.episode_s, |[_, time_s]| time_s);
+        let all = (f64::from(all_s) / TICK_S).round() as u32;
         let share = within([0.0, 1.0]);
         let ticks = if first { ((share * all as f32) as u32).clamp(LEAST_TICKS, all) } else { all };
         let mut episode = Self {
@@ -65,6 +70,7 @@ impl Episode {
                 steering_per_s: config.command.steering_per_s,
                 ..RolloutRules::default()
             },
+            target: way.map(|[distance_m, _]| TargetRule { distance_m, time_s: f64::from(ticks) * TICK_S }),
             start_m_per_s,
             phase,
             ticks,

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use thiserror::Error;
 use vocaloco_core::robot::RobotModel;
 use vocaloco_plugin_api::{
+    CommandKind,
     action::ActionMap,
     contract::{Action, ActionKind, Contract, ContractError, Factor, Gains, PerJoint},
     observation::{HeightOrder, HeightPatch, HistoryLayout, ObservationTerm, Observer, Term},
@@ -20,7 +21,7 @@ use crate::{
     rollout::RolledSkill,
     spawn::{NoValidPose, Spawn, Spawner},
     stream::{derived_seed, stream, uniform},
-    terrain::{Terrain, TerrainKind},
+    terrain::{Terrain, TerrainKind, WALL_DEPTH_M},
 };
 
 /// Tiles drawn for one place of the bank before it is given up.
@@ -69,6 +70,8 @@ pub struct TrainingGround {
     pub(super) mirror: Option<Mirror>,
     /// Cloned by each environment.
     pub(super) observer: Observer,
+    /// In the robot's order.
+    pub(super) stand_rad: Vec<f32>,
     pub(super) experts: BTreeMap<TerrainKind, RolledSkill>,
     pub(super) seed: u64,
     /// `[terrain of the mix][level][variant]`, flattened.
@@ -99,6 +102,7 @@ impl TrainingGround {
         if (contract.rate_hz * TICK_S - 1.0).abs() > 1e-9 {
             return Err(EnvironmentError::Rate(contract.rate_hz));
         }
+        agree_on_command(&config, contract.command()?)?;
         let mirror = Mirror::new(&contract, &robot.description);
         let mut chosen = BTreeMap::new();
         for (kind, name) in &config.experts {
@@ -113,6 +117,7 @@ impl TrainingGround {
         Ok(Self {
             config,
             robot: Arc::clone(robot),
+            stand_rad: robot.stand_position_rad(),
             contract,
             action_map,
             mirror,
@@ -141,6 +146,20 @@ impl TrainingGround {
     pub(super) fn stage(&self, terrain: usize, level: u32, variant: u32) -> &Stage {
         let EnvironmentConfig { levels, variants, .. } = self.config;
         &self.stages[((terrain as u32 * levels + level) * variants + variant) as usize]
+    }
+}
+
+/// Refuses targets that the policy does not observe, and a policy without the targets that it observes.
+fn agree_on_command(config: &EnvironmentConfig, kind: CommandKind) -> Result<(), ConfigError> {
+    match (kind, config.target) {
+        (CommandKind::PositionTarget, None) => {
+            let wanted = "distance_m and time_s: the policy observes a position_target";
+            Err(ConfigError::new("target", "nothing", wanted))
+        }
+        (CommandKind::Velocity, Some(_)) => {
+            Err(ConfigError::new("target", "a target", "none: the policy observes no position_target"))
+        }
+        _ => Ok(()),
     }
 }
 
@@ -223,7 +242,11 @@ impl Stage {
         let size_m = least_m + difficulty * (most_m - least_m);
         let build = |attempt: u64| {
             let index = [terrain, level, variant, attempt];
-            let tile = Terrain::tile(share.kind, size_m, derived_seed(seed, "environment/tile", &index));
+            let depth_m = share.depth_m.map_or(WALL_DEPTH_M, |[least_m, most_m]| {
+                uniform(&mut stream(seed, "environment/depth", &index), least_m, most_m)
+            });
+            let tile_seed = derived_seed(seed, "environment/tile", &index);
+            let tile = Terrain::deep_tile(share.kind, size_m, depth_m, tile_seed);
             let mut plant = Plant::new(robot, &tile, plant);
             let mut rng = stream(seed, "environment/pose", &index);
             let settled: Result<Vec<Spawn>, _> =

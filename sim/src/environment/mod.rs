@@ -12,6 +12,8 @@ mod mirror;
 mod reward;
 mod shadow;
 pub mod speed;
+mod target;
+mod tick;
 mod views;
 
 #[cfg(test)]
@@ -19,6 +21,7 @@ mod tests;
 
 use std::sync::Arc;
 
+use vocaloco_core::{observation::BaseInOdom, target::PositionTarget};
 use vocaloco_plugin_api::{Command, JointTarget};
 
 pub use config::{
@@ -28,26 +31,21 @@ pub use config::{
 pub use ground::{EnvironmentError, TrainingGround, standard_contract};
 pub use mirror::Mirror;
 pub use reward::{RewardConfig, RewardTerm, RewardWeights};
+pub use target::{TargetReward, TargetRules};
 
 use crate::{
-    driver::{DECIMATION, TICK_S},
+    driver::TICK_S,
     latency::Latency,
-    plant::{BasePose, GRAVITY_M_PER_S2, Plant},
+    plant::{BasePose, Plant},
     rollout::Path,
     stream::{stream, uniform},
     terrain::TerrainKind,
 };
 use curriculum::Travel;
 use episode::Episode;
-use ground::Stage;
-use reward::{Deed, Judge};
+use reward::Judge;
 use shadow::Shadow;
-use views::{Known, Views};
-
-/// An episode ends this far before the map does, m: nothing in sight is unknown.
-const MAP_MARGIN_M: f32 = 1.5;
-/// The ground's height is the mean over a square of this half-width around the base, m.
-const GROUND_HALF_WIDTH_M: f32 = 0.25;
+use views::Views;
 
 /// Why an episode ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,6 +54,8 @@ pub enum End {
     Terminated,
     /// Time was up, or the robot came to the end of the tile: nothing that the policy did wrong.
     TimedOut,
+    /// The time for the way to the target is over, as the policy saw it coming: nothing follows.
+    Finished,
 }
 
 /// What a step gave.
@@ -80,6 +80,12 @@ pub struct Environment {
     tick: u32,
     end: Option<End>,
     path: Path,
+    /// Where to go, in place of the path's velocity.
+    target: Option<PositionTarget>,
+    /// Ticks for which the base has been touching something without a break.
+    base_contact_ticks: u32,
+    /// It has touched something in this episode.
+    base_has_touched: bool,
     plant: Plant,
     latency: Latency,
     command: Command,
@@ -111,6 +117,9 @@ impl Environment {
             tick: 0,
             end: None,
             path: Path::from(&stage.spawns[0].base),
+            target: None,
+            base_contact_ticks: 0,
+            base_has_touched: false,
             latency: Latency::new(0, robot, &plant.measure().joint_position_rad),
             plant,
             command: Command::velocity(0.0, 0.0, 0.0),
@@ -165,19 +174,22 @@ impl Environment {
 
     /// Moves the curriculum by the episode that ended, and starts the next one.
     ///
-    /// An episode that had less than half of the full time moves nothing: it says little about the level.
+    /// An episode that had less than half of the full time, or less than a target is ever given, moves nothing:
+    /// it says little about the level.
     pub fn begin_episode(&mut self) {
         let config = &self.ground.config;
-        let full = (f64::from(config.episode_s) / TICK_S) as u32;
+        let enough_s = config.target.map_or(0.5 * config.episode_s, |target| target.time_s[0]);
+        let enough = (f64::from(enough_s) / TICK_S) as u32;
         if let Some(end) = self.end
-            && self.episode.ticks >= full / 2
+            && self.episode.ticks >= enough
         {
             let base = &self.plant.measure().base;
             let time_s = f64::from(self.episode.ticks) * TICK_S;
+            let by_velocity_m = self.episode.rules.forward_m_per_s * time_s as f32;
             let travel = Travel {
                 distance_m: self.path.displacement_m(base)[0] as f32,
-                commanded_m: self.episode.rules.forward_m_per_s * time_s as f32,
-                fell: end == End::Terminated,
+                commanded_m: self.episode.target.map_or(by_velocity_m, |target| target.distance_m),
+                fell: end == End::Terminated || self.base_has_touched,
                 left_the_tile: self.tick < self.episode.ticks,
             };
             let draw = uniform(&mut self.stream("environment/curriculum"), 0.0, 1.0);
@@ -230,7 +242,8 @@ impl Environment {
         let measured = self.plant.measure();
         let terrain = &ground.stage(self.terrain, self.level, self.episode.variant).terrain;
         let state = self.views.sensed(f64::from(self.tick) * TICK_S);
-        let Some(targets) = shadow.targets(self.tick, &state, &self.command, terrain, &measured.base) else {
+        let told = tick::for_an_expert(&self.command);
+        let Some(targets) = shadow.targets(self.tick, &state, &told, terrain, &measured.base) else {
             return false;
         };
         let (q, qd) = (&measured.joint_position_rad, &measured.joint_velocity_rad_per_s);
@@ -282,6 +295,11 @@ impl Environment {
         self.plant.vary(&self.episode.variation);
         self.plant.reset_work();
         self.path = Path::from(&spawn.base);
+        let ahead = |rule: vocaloco_core::target::TargetRule| {
+            rule.follow(None, &BaseInOdom::from(&spawn.base), [self.episode.rules.forward_m_per_s, 0.0], 0.0)
+        };
+        self.target = self.episode.target.map(ahead);
+        (self.base_contact_ticks, self.base_has_touched) = (0, false);
         if self.episode.start_m_per_s > 0.0 {
             let level = BasePose::from_yaw([0.0; 3], spawn.base.yaw());
             self.plant.push(level.vector_in_world([self.episode.start_m_per_s, 0.0, 0.0]));
@@ -295,101 +313,5 @@ impl Environment {
         self.tick = 0;
         self.end = None;
         self.sense();
-    }
-
-    /// Four physics steps under the targets that arrive; what they did, and whether the base touched.
-    fn advance(&mut self) -> (Deed, bool) {
-        let targets = self.latency.pass(&self.targets);
-        let limit = self.plant.robot().drive.velocity_limit_rad_per_s;
-        let work_before_j = self.plant.positive_work_j();
-        let share = 1.0 / DECIMATION as f32;
-        let mut deed = Deed::default();
-        let mut touched = false;
-        let (mut contacts, mut stumbles) = (0_u32, 0_u32);
-        for _ in 0..DECIMATION {
-            self.plant.step(targets);
-            let measured = self.plant.measure();
-            touched |= measured.base_contact;
-            deed.limb_contact_share += if measured.nonfoot_contact { share } else { 0.0 };
-            for (torque, speed) in measured.joint_torque_nm.iter().zip(&measured.joint_velocity_rad_per_s) {
-                deed.torque_squared += torque * torque * share;
-                deed.overspeed_rad_per_s += (speed.abs() - limit).max(0.0) * share;
-            }
-            for (foot, (touches, stumble)) in
-                measured.foot_contact.iter().zip(&measured.foot_stumble).enumerate()
-            {
-                contacts |= u32::from(*touches) << foot;
-                stumbles |= u32::from(*stumble) << foot;
-            }
-        }
-        let work_j = (self.plant.positive_work_j() - work_before_j) as f32;
-        deed.power_per_weight = work_j / (TICK_S as f32 * self.plant.total_mass_kg() * GRAVITY_M_PER_S2);
-        deed.stumbles = stumbles.count_ones() as f32;
-        for (foot, air_time_s) in self.air_time_s.iter_mut().enumerate() {
-            let touches = contacts >> foot & 1 == 1;
-            if touches && *air_time_s > 0.0 {
-                deed.air_time_s += *air_time_s + TICK_S as f32 - self.ground.config.reward.air_time_s;
-            }
-            *air_time_s = if touches { 0.0 } else { *air_time_s + TICK_S as f32 };
-        }
-        (deed, touched)
-    }
-
-    /// The rest of what the tick did: how the robot moves at its end.
-    fn add_motion(&self, deed: &mut Deed) {
-        let measured = self.plant.measure();
-        let [x, y, _] = measured.base.vector_in_world(measured.base_linear_velocity);
-        let yaw = measured.base.yaw();
-        let (sin, cos) = (libm::sinf(yaw), libm::cosf(yaw));
-        deed.command = self.command.velocity;
-        deed.velocity_in_yaw = [cos * x + sin * y, cos * y - sin * x];
-        deed.vertical_m_per_s = measured.base_linear_velocity[2];
-        deed.angular_velocity = measured.base_angular_velocity;
-        deed.heading_error_rad = self.path.heading_error_rad(&measured.base);
-        deed.projected_gravity = measured.projected_gravity;
-        deed.height_error_m = self.height_error_m();
-        let changes = measured.joint_velocity_rad_per_s.iter().zip(&self.joint_velocity_before);
-        deed.joint_acceleration_squared =
-            changes.map(|(after, before)| ((after - before) / TICK_S as f32).powi(2)).sum();
-        deed.action_change_squared =
-            self.action.iter().zip(&self.last_action).map(|(now, last)| (now - last).powi(2)).sum();
-    }
-
-    /// Height of the base over the ground around it, less the stand's.
-    fn height_error_m(&self) -> f32 {
-        let terrain = &self.ground.stage(self.terrain, self.level, self.episode.variant).terrain;
-        let [x_m, y_m, z_m] = self.plant.measure().base.position_m;
-        let steps = [-GROUND_HALF_WIDTH_M, 0.0, GROUND_HALF_WIDTH_M];
-        let column = |dx: f32| steps.map(|dy| terrain.height_m(x_m + dx, y_m + dy)).iter().sum::<f32>();
-        let ground_m = steps.map(column).iter().sum::<f32>() / 9.0;
-        z_m - ground_m - self.ground.robot.description.stand_height_m as f32
-    }
-
-    fn find_end(&self, stage: &Stage, base_touched: bool) -> Option<End> {
-        let [x_m, y_m, z_m] = self.plant.measure().base.position_m;
-        if base_touched || !(x_m + y_m + z_m).is_finite() {
-            return Some(End::Terminated);
-        }
-        let terrain = &stage.terrain;
-        let inside = [(x_m, 0), (y_m, 1)].into_iter().all(|(at_m, axis)| {
-            at_m >= terrain.min_m[axis] + MAP_MARGIN_M && at_m <= terrain.max_m[axis] - MAP_MARGIN_M
-        });
-        (self.tick >= self.episode.ticks || !inside).then_some(End::TimedOut)
-    }
-
-    /// The command, and both views of the present tick.
-    fn sense(&mut self) {
-        let ground = Arc::clone(&self.ground);
-        let terrain = &ground.stage(self.terrain, self.level, self.episode.variant).terrain;
-        let known = Known {
-            height_error_m: self.height_error_m(),
-            variation: &self.episode.variation,
-            latency_ticks: self.episode.latency_ticks,
-            air_time_s: &self.air_time_s,
-        };
-        let measured = self.plant.measure();
-        self.command = self.path.command(&measured.base, &self.episode.rules);
-        let time_s = f64::from(self.tick) * TICK_S;
-        self.views.fill((terrain, measured), time_s, &self.command, &self.last_action, &known);
     }
 }

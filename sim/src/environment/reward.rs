@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::config::{ConfigError, inside};
+use super::target::{Aim, TargetReward};
 use crate::driver::TICK_S;
 
 /// A term of the reward; its value is defined by `Deed::value`.
@@ -28,14 +29,24 @@ pub enum RewardTerm {
     FootStumble,
     LimbCollision,
     Alive,
+    BaseCollision,
+    Target,
+    TargetApproach,
+    TargetWaiting,
+    TargetMotion,
+    TargetPosture,
 }
+
+/// How many of [`RewardTerm::ALL`] stand in every record; the others do where they have a weight.
+const ALWAYS: usize = 16;
 
 impl RewardTerm {
     /// Every term, in the order of the records, with its id and default weight.
     ///
     /// # Source
-    /// `legged_gym` (METHOD, section 7); heading, overspeed, power and stumbling are ours.
-    pub const ALL: [(Self, &'static str, f32); 16] = [
+    /// `legged_gym` (METHOD, section 7); heading, overspeed, power, stumbling and base collision are ours,
+    /// targets after Rudin et al. (2022).
+    pub const ALL: [(Self, &'static str, f32); 22] = [
         (Self::LinearVelocity, "linear_velocity", 1.0),
         (Self::YawRate, "yaw_rate", 0.5),
         (Self::Heading, "heading", 0.0),
@@ -52,7 +63,18 @@ impl RewardTerm {
         (Self::FootStumble, "foot_stumble", -0.2),
         (Self::LimbCollision, "limb_collision", -1.0),
         (Self::Alive, "alive", 0.0),
+        (Self::BaseCollision, "base_collision", 0.0),
+        (Self::Target, "target", 0.0),
+        (Self::TargetApproach, "target_approach", 0.0),
+        (Self::TargetWaiting, "target_waiting", 0.0),
+        (Self::TargetMotion, "target_motion", 0.0),
+        (Self::TargetPosture, "target_posture", 0.0),
     ];
+
+    /// Whether a term of this weight stands in records.
+    fn is_recorded(self, weight: f32) -> bool {
+        weight != 0.0 || Self::ALL[..ALWAYS].iter().any(|(term, ..)| *term == self)
+    }
 }
 
 /// Weights of all terms; in TOML a table by name, in which what is left out has its default.
@@ -81,7 +103,7 @@ impl Default for RewardWeights {
 
 impl Serialize for RewardWeights {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        self.0.serialize(serializer)
+        serializer.collect_map(self.0.iter().filter(|(term, weight)| term.is_recorded(**weight)))
     }
 }
 
@@ -106,6 +128,9 @@ pub struct RewardConfig {
     pub clip_negative: bool,
     /// Added once when an episode ends in a fall; no time step in it.
     pub termination: f32,
+    /// When and how sharply position targets are rewarded.
+    #[serde(skip_serializing_if = "TargetReward::is_default")]
+    pub target: TargetReward,
     /// Weight of every term, 1/s.
     pub weights: RewardWeights,
 }
@@ -117,6 +142,7 @@ impl Default for RewardConfig {
             air_time_s: 0.5,
             clip_negative: true,
             termination: -1.0,
+            target: TargetReward::default(),
             weights: RewardWeights::default(),
         }
     }
@@ -153,6 +179,19 @@ pub(super) struct Deed {
     pub(super) stumbles: f32,
     /// Share of the physics steps in which hip, thigh or shank touched something.
     pub(super) limb_contact_share: f32,
+    /// Share of the physics steps in which the base touched something.
+    pub(super) base_contact_share: f32,
+    /// Where it is on its way, if it goes to a target.
+    pub(super) aim: Option<Aim>,
+}
+
+/// What the values of terms are measured by.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scales {
+    /// σ of the velocity terms.
+    pub(super) sigma: f32,
+    /// Of the target terms.
+    pub(super) target: TargetReward,
 }
 
 impl Deed {
@@ -176,7 +215,10 @@ impl Deed {
     /// | `foot_stumble` | feet pressing on a riser |
     /// | `limb_collision` | share of the tick with a contact of hip, thigh or shank |
     /// | `alive` | 1 |
-    pub(super) fn value(&self, term: RewardTerm, sigma: f32) -> f32 {
+    /// | `base_collision` | share of the tick with a contact of the base |
+    /// | `target` and what begins so | as [`Aim::value`] says |
+    pub(super) fn value(&self, term: RewardTerm, scales: &Scales) -> f32 {
+        let sigma = scales.sigma;
         let [roll_rate, pitch_rate, yaw_rate] = self.angular_velocity;
         match term {
             RewardTerm::LinearVelocity => {
@@ -201,6 +243,12 @@ impl Deed {
             RewardTerm::FootStumble => self.stumbles,
             RewardTerm::LimbCollision => self.limb_contact_share,
             RewardTerm::Alive => 1.0,
+            RewardTerm::BaseCollision => self.base_contact_share,
+            RewardTerm::Target
+            | RewardTerm::TargetApproach
+            | RewardTerm::TargetWaiting
+            | RewardTerm::TargetMotion
+            | RewardTerm::TargetPosture => self.aim.map_or(0.0, |aim| aim.value(term, &scales.target)),
         }
     }
 }
@@ -212,23 +260,25 @@ fn squared(value: f32) -> f32 {
 /// Turns deeds into rewards, and keeps the terms of the latest.
 #[derive(Clone, Debug)]
 pub(super) struct Judge {
-    sigma: f32,
+    scales: Scales,
     clip_negative: bool,
     termination: f32,
-    /// Each term's weight, times the tick's length; 0 skips it.
-    weights: [(RewardTerm, f32); RewardTerm::ALL.len()],
+    /// The weight of each term that is recorded, times the tick's length; 0 skips it.
+    weights: Vec<(RewardTerm, f32)>,
     /// As [`terms`](Self::terms) gives them.
     terms: Vec<(&'static str, f32)>,
 }
 
 impl Judge {
     pub(super) fn new(config: &RewardConfig) -> Self {
-        let names = RewardTerm::ALL.iter().map(|(_, id, _)| *id).chain(["termination"]);
+        let weight = |term: RewardTerm| config.weights.of(term);
+        let recorded = || RewardTerm::ALL.iter().filter(|(term, ..)| term.is_recorded(weight(*term)));
+        let names = recorded().map(|(_, id, _)| *id).chain(["termination"]);
         Self {
-            sigma: config.tracking_sigma,
+            scales: Scales { sigma: config.tracking_sigma, target: config.target },
             clip_negative: config.clip_negative,
             termination: config.termination,
-            weights: RewardTerm::ALL.map(|(term, _, _)| (term, config.weights.of(term) * TICK_S as f32)),
+            weights: recorded().map(|(term, ..)| (*term, weight(*term) * TICK_S as f32)).collect(),
             terms: names.map(|id| (id, 0.0)).collect(),
         }
     }
@@ -241,7 +291,7 @@ impl Judge {
     pub(super) fn reward(&mut self, deed: &Deed, fell: bool) -> f32 {
         let mut total = 0.0;
         for ((term, weight), (_, out)) in self.weights.iter().zip(&mut self.terms) {
-            *out = if *weight == 0.0 { 0.0 } else { weight * deed.value(*term, self.sigma) };
+            *out = if *weight == 0.0 { 0.0 } else { weight * deed.value(*term, &self.scales) };
             total += *out;
         }
         let ending = if fell { self.termination } else { 0.0 };
@@ -263,6 +313,7 @@ impl RewardConfig {
         inside("reward.tracking_sigma", self.tracking_sigma, 1e-3..=10.0)?;
         inside("reward.air_time_s", self.air_time_s, 0.0..=2.0)?;
         inside("reward.termination", self.termination, -1000.0..=0.0)?;
+        self.target.check()?;
         for (term, id, _) in RewardTerm::ALL {
             inside(format!("reward.weights.{id}"), self.weights.of(term), -1000.0..=1000.0)?;
         }
@@ -271,100 +322,4 @@ impl RewardConfig {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// No two numbers alike.
-    fn deed() -> Deed {
-        Deed {
-            command: [0.6, 0.0, 0.2],
-            velocity_in_yaw: [0.3, 0.4],
-            vertical_m_per_s: -0.5,
-            angular_velocity: [1.0, 2.0, 0.7],
-            heading_error_rad: -0.3,
-            projected_gravity: [0.1, -0.2, -0.97],
-            height_error_m: -0.04,
-            torque_squared: 1000.0,
-            joint_acceleration_squared: 4e4,
-            overspeed_rad_per_s: 1.5,
-            action_change_squared: 0.8,
-            power_per_weight: 0.12,
-            air_time_s: -0.2,
-            stumbles: 2.0,
-            limb_contact_share: 0.25,
-        }
-    }
-
-    #[test]
-    fn every_term_is_its_formula() {
-        let wanted: [(RewardTerm, f32); 16] = [
-            // |(0.3, −0.4)|² = 0.25, over σ = 0.5.
-            (RewardTerm::LinearVelocity, (-0.5_f32).exp()),
-            (RewardTerm::YawRate, (-0.5_f32).exp()),
-            (RewardTerm::Heading, 0.09),
-            (RewardTerm::VerticalVelocity, 0.25),
-            (RewardTerm::RollPitchRate, 5.0),
-            (RewardTerm::Orientation, 0.05),
-            (RewardTerm::BaseHeight, 0.0016),
-            (RewardTerm::Torque, 1000.0),
-            (RewardTerm::JointAcceleration, 4e4),
-            (RewardTerm::JointOverspeed, 1.5),
-            (RewardTerm::ActionRate, 0.8),
-            (RewardTerm::Power, 0.12),
-            (RewardTerm::FootAirTime, -0.2),
-            (RewardTerm::FootStumble, 2.0),
-            (RewardTerm::LimbCollision, 0.25),
-            (RewardTerm::Alive, 1.0),
-        ];
-        for (term, wanted) in wanted {
-            let found = deed().value(term, 0.5);
-            assert!((found - wanted).abs() <= 1e-5 * wanted.abs(), "{term:?}: {found}, wanted {wanted}");
-        }
-    }
-
-    #[test]
-    fn a_reward_is_the_sum_of_its_terms_times_weight_and_time_step() {
-        let config = RewardConfig { clip_negative: false, ..RewardConfig::default() };
-        let mut judge = Judge::new(&config);
-        let reward = judge.reward(&deed(), false);
-        let wanted: f32 =
-            RewardTerm::ALL.iter().map(|(term, _, weight)| weight * deed().value(*term, 0.25) * 0.02).sum();
-        assert!((reward - wanted).abs() < 1e-6, "{reward}, wanted {wanted}");
-        let sum: f32 = judge.terms().iter().map(|(_, value)| value).sum();
-        assert!((reward - sum).abs() < 1e-6);
-        let names: Vec<&str> = judge.terms().iter().map(|(id, _)| *id).collect();
-        assert_eq!((names[0], names[16]), ("linear_velocity", "termination"));
-    }
-
-    #[test]
-    fn a_negative_total_is_clipped_but_a_fall_still_costs() {
-        let bad = Deed { vertical_m_per_s: 3.0, ..deed() };
-        let mut judge = Judge::new(&RewardConfig::default());
-        assert_eq!(judge.reward(&bad, false), 0.0);
-        assert_eq!(judge.reward(&bad, true), -1.0);
-        assert_eq!(judge.terms()[16], ("termination", -1.0));
-        let mut judge = Judge::new(&RewardConfig { clip_negative: false, ..RewardConfig::default() });
-        assert!(judge.reward(&bad, false) < -0.2);
-    }
-
-    #[test]
-    fn a_measurement_of_nan_is_not_taken_for_a_reward_of_zero() {
-        let mut judge = Judge::new(&RewardConfig::default());
-        assert!(judge.reward(&Deed { vertical_m_per_s: f32::NAN, ..deed() }, false).is_nan());
-    }
-
-    #[test]
-    fn weights_left_out_keep_their_defaults_and_unknown_ones_are_refused() {
-        let config: RewardConfig = toml::from_str("[weights]\npower = -2.0").unwrap();
-        assert_eq!(config.weights, RewardWeights::default().with(RewardTerm::Power, -2.0));
-        let refused = toml::from_str::<RewardConfig>("[weights]\npowr = -2.0").unwrap_err();
-        assert!(refused.to_string().contains("powr"), "{refused}");
-    }
-
-    #[test]
-    fn the_ids_are_those_of_the_file() {
-        for (term, id, _) in RewardTerm::ALL {
-            assert_eq!(serde_json::to_string(&term).unwrap(), format!("\"{id}\""));
-        }
-    }
-}
+mod tests;

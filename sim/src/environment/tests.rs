@@ -13,7 +13,7 @@ fn robot() -> Arc<RobotModel> {
 
 /// Flat and stairs, few of each.
 fn small() -> EnvironmentConfig {
-    let share = |kind, size_m| TerrainShare { kind, share: 1.0, size_m };
+    let share = |kind, size_m| TerrainShare::new(kind, 1.0, size_m);
     EnvironmentConfig {
         levels: 3,
         variants: 2,
@@ -140,7 +140,7 @@ fn the_end_of_the_tile_is_a_time_out() {
     let mut environment = Environment::new(&ground_of(calm()), 0);
     environment.begin_episode();
     let map = &ground().stage(0, 0, 0).terrain;
-    let edge_m = map.max_m[0] - MAP_MARGIN_M;
+    let edge_m = map.max_m[0] - tick::MAP_MARGIN_M;
     let height_m = robot().description.stand_height_m as f32;
     let ahead = BasePose::from_yaw([edge_m - 0.01, 0.0, height_m], 0.0);
     environment.plant.place(&ahead, &robot().stand_position_rad());
@@ -333,4 +333,144 @@ fn twice_in_the_mirror_is_as_before_in_every_layout() {
     let mut lopsided = super::ground::standard_contract(&robot);
     lopsided.action.default_position_rad.insert("LF_HAA".to_owned(), 0.3);
     assert_eq!(Mirror::new(&lopsided, &robot.description), None);
+}
+
+/// A policy that takes targets half a metre ahead, one second for each, on calm flat ground.
+fn aiming() -> EnvironmentConfig {
+    let mut contract = standard_contract(&robot());
+    for term in &mut contract.observation {
+        if term.term == Term::VelocityCommand {
+            *term = ObservationTerm::new(Term::PositionTarget, 1.0);
+        }
+    }
+    let target = Some(TargetRules { distance_m: [0.5, 0.5], time_s: [1.0, 1.0] });
+    EnvironmentConfig { contract: Some(contract), target, ..calm() }
+}
+
+/// Where the target stands in the observation of [`aiming`].
+const TARGET: std::ops::Range<usize> = 9..13;
+
+fn until_the_end(environment: &mut Environment) -> End {
+    let still = vec![0.0; environment.action_len()];
+    (0..500).find_map(|_| environment.step(&still).end).expect("an end")
+}
+
+#[test]
+fn a_target_lies_straight_ahead_and_its_time_ends_the_episode() {
+    let mut environment = Environment::new(&ground_of(aiming()), 0);
+    let seen_target = |environment: &Environment| seen(environment).0[TARGET].to_vec();
+    environment.begin_episode();
+    let first = seen_target(&environment);
+    for (found, wanted) in first.iter().zip([0.5, 0.0, 0.0, 1.0]) {
+        assert!((found - wanted).abs() < 1e-5, "{first:?}");
+    }
+    assert_eq!(until_the_end(&mut environment), End::Finished);
+    let last = seen_target(&environment);
+    assert!(last[3].abs() < 1e-4 && (last[0] - 0.5).abs() < 0.05, "it stood: {last:?}");
+    assert_eq!(environment.tick, 50);
+}
+
+#[test]
+fn a_first_episodes_target_has_the_time_that_the_episode_has() {
+    let config = EnvironmentConfig {
+        target: Some(TargetRules { distance_m: [0.5, 0.5], time_s: [4.0, 4.0] }),
+        ..aiming()
+    };
+    let environment = Environment::new(&ground_of(config), 0);
+    let left_s = seen(&environment).0[TARGET][3];
+    assert!((left_s - 0.02 * environment.episode.ticks as f32).abs() < 1e-4 && left_s < 4.0, "{left_s} s");
+}
+
+#[test]
+fn who_is_at_the_target_in_the_end_rises_unless_the_base_has_touched() {
+    let level_after = |moved_m: f32, touched: bool| {
+        let mut environment = Environment::new(&ground_of(aiming()), 0);
+        environment.begin_episode();
+        environment.level = 1;
+        let base = environment.plant.measure().base;
+        let ahead = BasePose::from_yaw([0.0; 3], base.yaw()).vector_in_world([moved_m, 0.0, 0.0]);
+        let position_m = [0, 1, 2].map(|axis| base.position_m[axis] + ahead[axis]);
+        environment.plant.place(&BasePose { position_m, ..base }, &robot().stand_position_rad());
+        until_the_end(&mut environment);
+        environment.base_has_touched |= touched;
+        environment.begin_episode();
+        environment.level()
+    };
+    assert_eq!([level_after(0.5, false), level_after(0.5, true), level_after(0.1, false)], [2, 1, 0]);
+}
+
+#[test]
+fn targets_and_velocities_are_not_taken_for_one_another() {
+    let refused = |config: EnvironmentConfig| {
+        let refused = TrainingGround::new(config, &robot(), &BTreeMap::new(), 1);
+        refused.err().expect("a refusal").to_string()
+    };
+    let without = refused(EnvironmentConfig { target: None, ..aiming() });
+    assert!(without.starts_with("environment.target: found nothing"), "{without}");
+    let blind = refused(EnvironmentConfig { contract: None, ..aiming() });
+    assert!(blind.starts_with("environment.target: found a target"), "{blind}");
+}
+
+#[test]
+fn an_expert_is_told_a_velocity_that_falls_near_the_target() {
+    let told = |x_m: f32| {
+        let command = Command {
+            kind: vocaloco_plugin_api::CommandKind::PositionTarget,
+            velocity: [0.6, 0.0, 0.2],
+            target: [x_m, 0.1, 0.0, 3.0],
+        };
+        tick::for_an_expert(&command)
+    };
+    assert_eq!(told(1.2), Command::velocity(0.6, 0.0, 0.2));
+    assert_eq!(told(0.25), Command::velocity(0.3, 0.0, 0.2));
+    assert_eq!(told(-0.3), Command::velocity(0.0, 0.0, 0.2));
+    let velocity = Command::velocity(0.5, 0.0, -0.1);
+    assert_eq!(tick::for_an_expert(&velocity), velocity);
+}
+
+/// Ticks until legs drawn up as far as they go end an episode, and how.
+fn fold(config: EnvironmentConfig) -> (u32, End) {
+    let mut environment = Environment::new(&ground_of(config), 0);
+    environment.begin_episode();
+    let folded: Vec<f32> = (0..12).map(|joint| [0.0, 2.0, -4.0][joint % 3]).collect();
+    let end = (0..200).find_map(|_| environment.step(&folded).end);
+    (environment.tick, end.expect("it falls"))
+}
+
+#[test]
+fn a_brief_contact_of_the_base_may_be_allowed_and_a_longer_one_not() {
+    let (at_once, end) = fold(calm());
+    assert_eq!(end, End::Terminated);
+    let (later, end) = fold(EnvironmentConfig { base_contact_s: Some(0.1), ..calm() });
+    assert_eq!(end, End::Terminated);
+    assert!(later >= at_once + 5, "{later} ticks against {at_once}");
+}
+
+#[test]
+fn a_base_far_below_its_start_has_fallen_before_it_touches() {
+    let (touches, _) = fold(calm());
+    let (falls, end) = fold(EnvironmentConfig { fall_m: Some(0.1), ..calm() });
+    assert!(falls < touches && end == End::Terminated, "{falls} ticks against {touches}");
+}
+
+#[test]
+fn walls_are_as_deep_as_asked_and_robots_stand_before_them() {
+    let wall =
+        TerrainShare { depth_m: Some([2.0, 3.0]), ..TerrainShare::new(TerrainKind::Wall, 1.0, [0.1, 0.4]) };
+    let spawn = crate::spawn::SpawnRules { start_before_m: Some([0.5, 0.9]), ..calm().spawn };
+    let ground = ground_of(EnvironmentConfig { terrain: vec![wall], spawn, ..calm() });
+    let mut depths_m = Vec::new();
+    for (level, variant) in [(0, 0), (1, 1), (2, 0)] {
+        let stage = ground.stage(0, level, variant);
+        let wall_m = stage.terrain.obstacle_x_m.expect("a wall is directed");
+        for spawn in &stage.spawns {
+            let before_m = wall_m - spawn.base.position_m[0];
+            // Settling may move a robot by as much as the rules allow.
+            assert!((0.4..=1.0).contains(&before_m), "level {level}: {before_m} m before");
+        }
+        let on_top = |ahead_m: f32| stage.terrain.height_m(wall_m + ahead_m, 0.0) > 0.05;
+        assert!(on_top(0.01) && on_top(1.99) && !on_top(3.01), "level {level}");
+        depths_m.push((0..300).filter(|centimetre| on_top(0.01 * *centimetre as f32)).count());
+    }
+    assert!(depths_m.iter().any(|depth| *depth != depths_m[0]), "{depths_m:?} cm");
 }

@@ -178,12 +178,13 @@ impl Stairs<'_> {
         let mut second = self.to.instance(None, self.robot)?;
         let noise_stream = chance.noise_stream();
         let mut driver = Driver::new(&mut plant, &self.terrain, &mut first, chance.noise, noise_stream)
-            .late_by(chance.latency_ticks);
+            .late_by(chance.latency_ticks)
+            .aiming(self.from.target());
         let Some(feet_in_world_m) = self.approach(&mut driver, due_past_m) else { return Ok(None) };
         let measured = driver.plant.measure();
         let base = measured.base;
         let speed_m_per_s = f64::from(base.vector_in_world(measured.base_linear_velocity)[0]);
-        let outcome = match driver.hand_over(&mut second) {
+        let outcome = match driver.hand_over(&mut second, self.to.target()) {
             Ok(()) => {
                 let mut motion = Motion::new(self.robot.drive.velocity_limit_rad_per_s);
                 let mut witness = Witness { motion: &mut motion, watch: &mut |_| () };

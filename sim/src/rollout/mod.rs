@@ -137,7 +137,8 @@ impl Trial<'_> {
     /// ```
     ///
     /// with the mass drawn for the rollout, work and distance both from 0.5 s on. Position is looked
-    /// at every tick, contact every physics step.
+    /// at every tick, contact every physics step. A skill that takes position targets is given them as by
+    /// the runtime: along that velocity, as far ahead and for as long as its manifest says.
     ///
     /// # Source
     /// Wu et al. (2025), eq. 1, with positive power only; METHOD, sections 1 and 3.
@@ -159,7 +160,8 @@ impl Trial<'_> {
             return Rollout::fault_at_start(motion);
         };
         let mut driver = Driver::new(plant, self.terrain, &mut instance, chance.noise, chance.noise_stream())
-            .late_by(chance.latency_ticks);
+            .late_by(chance.latency_ticks)
+            .aiming(self.skill.target());
         let end = match driver.start() {
             Ok(()) => {
                 let mut witness = Witness { motion: &mut motion, watch };
@@ -186,6 +188,11 @@ impl Trial<'_> {
 }
 
 impl RolloutRules {
+    /// The default with a skill's own horizon and time limit.
+    pub fn of(own: &vocaloco_core::manifest::Rollout) -> Self {
+        Self { horizon_m: own.horizon_m, time_limit_s: own.time_limit_s, ..Self::default() }
+    }
+
     /// Ticks a driver that has started along a path until the outcome is decided.
     pub(crate) fn follow<P: Physics>(
         &self,

@@ -8,6 +8,7 @@ use vocaloco_core::{
     policy::PolicyNetwork,
     registry::LoadedSkill,
     robot::RobotModel,
+    target::TargetRule,
 };
 use vocaloco_plugin_api::{CommandKind, Description};
 
@@ -22,7 +23,8 @@ pub struct RolledSkill {
     library: Arc<PluginLibrary>,
     parameters: String,
     policy: Option<PolicyNetwork>,
-    /// The same, parsed, where the plugin offers a phase.
+    target: Option<TargetRule>,
+    /// The parameters, parsed, where the plugin offers a phase.
     table: Option<toml::Table>,
 }
 
@@ -37,8 +39,11 @@ pub enum SkillRefused {
         /// What the parser says.
         source: Box<toml::de::Error>,
     },
-    /// It follows another kind of command than rollouts give.
-    #[error("skill {skill}: command.kind is position_target, velocity wanted: rollouts command a velocity")]
+    /// It takes position targets, and nothing says how far ahead.
+    #[error(
+        "skill {skill}: found a plugin that takes position_target, wanted one that takes velocity: without a \
+         manifest nothing says how far ahead targets are"
+    )]
     Command {
         /// Name of the skill.
         skill: String,
@@ -81,25 +86,37 @@ impl RolledSkill {
         if library.description().command != CommandKind::Velocity {
             return Err(SkillRefused::Command { skill: name.to_owned() });
         }
+        Self::checked(name, library, parameters, policy, robot)
+    }
+
+    fn checked(
+        name: &str,
+        library: Arc<PluginLibrary>,
+        parameters: &str,
+        policy: Option<PolicyNetwork>,
+        robot: &RobotModel,
+    ) -> Result<Self, SkillRefused> {
         let takes_phase = library.description().parameters.iter().any(|one| one.name == PHASE);
         let table = takes_phase.then(|| toml::from_str(parameters)).transpose();
         let table = table.map_err(|source| SkillRefused::Parameters {
             skill: name.to_owned(),
             source: Box::new(source),
         })?;
-        let skill = Self { name: name.to_owned(), library, parameters: parameters.to_owned(), policy, table };
-        let plugin_error = |source| SkillRefused::Plugin { skill: name.to_owned(), source };
+        let (name, parameters) = (name.to_owned(), parameters.to_owned());
+        let skill = Self { name: name.clone(), library, parameters, policy, target: None, table };
+        let plugin_error = |source| SkillRefused::Plugin { skill: name, source };
         skill.instance(Some(0.5), robot).map_err(plugin_error)?;
         Ok(skill)
     }
 
-    /// The same of a skill as the registry loads it.
+    /// The same of a skill as the registry loads it, with the targets of its manifest where it takes any.
     ///
     /// # Errors
     /// As [`new`](Self::new).
     pub fn from_loaded(loaded: &LoadedSkill, robot: &RobotModel) -> Result<Self, SkillRefused> {
         let (library, policy) = (Arc::clone(&loaded.library), loaded.policy.clone());
-        Self::with_policy(&loaded.manifest.name, library, &loaded.parameters, policy, robot)
+        let skill = Self::checked(&loaded.manifest.name, library, &loaded.parameters, policy, robot)?;
+        Ok(Self { target: TargetRule::of(&loaded.manifest), ..skill })
     }
 
     /// What the plugin says of itself.
@@ -120,6 +137,11 @@ impl RolledSkill {
     /// The policy network, where it has one.
     pub fn policy(&self) -> Option<&PolicyNetwork> {
         self.policy.as_ref()
+    }
+
+    /// How its position targets are set; none of a skill that follows velocities.
+    pub fn target(&self) -> Option<TargetRule> {
+        self.target
     }
 
     /// A fresh instance that starts at `phase` of its cycle, if the plugin offers that.

@@ -27,6 +27,10 @@ pub struct SpawnRules {
     pub yaw_rad: f32,
     /// Share of poses on directed terrain that get any yaw.
     pub any_yaw_share: f32,
+    /// On directed terrain only positions this far before the obstacle, least and most, m; none for the
+    /// whole of the terrain's spawn area.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub start_before_m: Option<[f32; 2]>,
     /// How long the robot stands before it is looked at.
     pub settle_s: f64,
     /// How far the settled base may be from the desired position.
@@ -40,6 +44,7 @@ impl Default for SpawnRules {
         Self {
             yaw_rad: 0.3,
             any_yaw_share: 0.2,
+            start_before_m: None,
             settle_s: 1.0,
             position_tolerance_m: 0.1,
             yaw_tolerance_rad: 0.1,
@@ -96,7 +101,7 @@ impl Spawner {
 
     /// Draws poses until one is valid.
     ///
-    /// Position: uniform over the terrain's spawn area. Yaw: the terrain's direction ±
+    /// Position: uniform over the terrain's spawn area, or [`SpawnRules::start_before_m`] of it. Yaw: the terrain's direction ±
     /// [`SpawnRules::yaw_rad`], or any. Roll and pitch: along the ground; feet on it, below where the
     /// level stand has them, joints held there at the stand's gains. Valid after
     /// [`SpawnRules::settle_s`] in the stand: base near the desired position, yaw near the desired
@@ -131,7 +136,8 @@ impl Spawner {
         terrain: &Terrain,
         rng: &mut ChaCha8Rng,
     ) -> Option<(BasePose, Vec<JointTarget>)> {
-        let x_m = uniform(rng, terrain.spawn_min_m[0], terrain.spawn_max_m[0]);
+        let [from_m, to_m] = self.along_m(terrain);
+        let x_m = uniform(rng, from_m, to_m);
         let y_m = uniform(rng, terrain.spawn_min_m[1], terrain.spawn_max_m[1]);
         let yaw_rad = self.draw_yaw_rad(terrain, rng);
         let placed = self.stance.on(terrain, x_m.into(), y_m.into(), yaw_rad.into())?;
@@ -154,6 +160,14 @@ impl Spawner {
         // Phrased as "is inside", so that a pose of NaN is not valid.
         let valid = moved_m <= self.rules.position_tolerance_m && turned_rad <= self.rules.yaw_tolerance_rad;
         valid.then_some((settled, targets))
+    }
+
+    /// Where along x poses are drawn.
+    fn along_m(&self, terrain: &Terrain) -> [f32; 2] {
+        match (self.rules.start_before_m, terrain.obstacle_x_m) {
+            (Some([least_m, most_m]), Some(obstacle_m)) => [obstacle_m - most_m, obstacle_m - least_m],
+            _ => [terrain.spawn_min_m[0], terrain.spawn_max_m[0]],
+        }
     }
 
     fn draw_yaw_rad(&self, terrain: &Terrain, rng: &mut ChaCha8Rng) -> f32 {

@@ -25,6 +25,9 @@ pub const GAP_FLOOR_M: f32 = -1.5;
 /// Depth of a stair's tread, m (METHOD, section 7).
 pub const TREAD_M: f32 = 0.31;
 
+/// Length of a wall's top along the way, m.
+pub const WALL_DEPTH_M: f32 = 1.5;
+
 /// The terrains that skills are collected and evaluated on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -135,6 +138,8 @@ pub struct Terrain {
     pub spawn_min_m: [f32; 2],
     /// Opposite corner of the part on which robots are spawned, m.
     pub spawn_max_m: [f32; 2],
+    /// Where along x the obstacle of a directed tile begins, m.
+    pub obstacle_x_m: Option<f32>,
     /// Direction of travel on directed terrain.
     pub heading_rad: Option<f32>,
     lookup: HeightLookup,
@@ -146,7 +151,12 @@ impl Terrain {
     /// Directed kinds are lanes along +x: 1.8 m of flat, the obstacle, 0.6 m of flat, on which robots
     /// are spawned, with 4 m of room on every side, for a rollout of 2.6 m and the view ahead of it.
     pub fn tile(kind: TerrainKind, size_m: f32, seed: u64) -> Self {
-        tile::build(kind, size_m, seed)
+        tile::build(kind, size_m, WALL_DEPTH_M, seed)
+    }
+
+    /// A tile whose wall, if it is one, has a top of `depth_m` along the way instead of [`WALL_DEPTH_M`].
+    pub fn deep_tile(kind: TerrainKind, size_m: f32, depth_m: f32, seed: u64) -> Self {
+        tile::build(kind, size_m, depth_m, seed)
     }
 
     /// An evaluation course: flat, `steps` steps, flat (METHOD, section 6), from x = 0 on, centred on y = 0.
@@ -178,6 +188,7 @@ impl Terrain {
             max_m: map.max_m,
             spawn_min_m: spawn.min_m,
             spawn_max_m: spawn.max_m,
+            obstacle_x_m: None,
             heading_rad: directed.then_some(0.0),
             lookup,
         }

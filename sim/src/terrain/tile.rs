@@ -16,7 +16,6 @@ const HALF_WIDTH_M: f32 = 1.0;
 /// Room around the part on which robots are spawned, m.
 const MARGIN_M: f32 = 4.0;
 const STEPS: usize = 8;
-const WALL_DEPTH_M: f32 = 1.5;
 const GRID_SPACING_M: f32 = 0.1;
 /// Spacing of the random heights of rough terrain in grid cells, as in `legged_gym`.
 const ROUGH_CELLS: usize = 2;
@@ -24,7 +23,7 @@ const SLOPE_SPACING_M: f32 = 0.5;
 /// `legged_gym` has 20 boxes on 8 × 8 m.
 const BOXES_PER_M2: f32 = 20.0 / 64.0;
 
-pub(super) fn build(kind: TerrainKind, size_m: f32, seed: u64) -> Terrain {
+pub(super) fn build(kind: TerrainKind, size_m: f32, wall_depth_m: f32, seed: u64) -> Terrain {
     let mut rng = stream(seed, "terrain", &[]);
     let lane = |obstacle_m: f32| Area {
         min_m: [0.0, -HALF_WIDTH_M],
@@ -35,7 +34,7 @@ pub(super) fn build(kind: TerrainKind, size_m: f32, seed: u64) -> Terrain {
         TerrainKind::Flat | TerrainKind::Rough | TerrainKind::Discrete => square,
         TerrainKind::Slope => Area { min_m: [-4.0, -1.0], max_m: [4.0, 1.0] },
         TerrainKind::StairsUp | TerrainKind::StairsDown => lane(STEPS as f32 * TREAD_M),
-        TerrainKind::Wall => lane(WALL_DEPTH_M),
+        TerrainKind::Wall => lane(wall_depth_m),
         TerrainKind::Gap => lane(size_m),
     };
     let map = spawn.grown_by(MARGIN_M);
@@ -48,7 +47,7 @@ pub(super) fn build(kind: TerrainKind, size_m: f32, seed: u64) -> Terrain {
         TerrainKind::StairsUp => stairs_up(map, start_m, size_m, STEPS),
         TerrainKind::StairsDown => stairs_down(map, start_m, size_m, STEPS),
         TerrainKind::Wall => {
-            vec![block(map, 0.0), block(across(map, start_m, start_m + WALL_DEPTH_M), size_m)]
+            vec![block(map, 0.0), block(across(map, start_m, start_m + wall_depth_m), size_m)]
         }
         TerrainKind::Gap => vec![
             block(map, GAP_FLOOR_M),
@@ -56,7 +55,9 @@ pub(super) fn build(kind: TerrainKind, size_m: f32, seed: u64) -> Terrain {
             block(across(map, start_m + size_m, map.max_m[0]), 0.0),
         ],
     };
-    Terrain::new((kind.id().to_owned(), size_m, seed), solids, map, spawn, kind.is_directed())
+    let obstacle_x_m = kind.is_directed().then_some(start_m);
+    let identity = (kind.id().to_owned(), size_m, seed);
+    Terrain { obstacle_x_m, ..Terrain::new(identity, solids, map, spawn, kind.is_directed()) }
 }
 
 /// Steps from height 0 up, the first riser at `start_m`; each step reaches to the end of the map.

@@ -19,7 +19,7 @@ pub struct Trace<'a> {
 ///
 /// ```text
 /// δ_t = r_t + γ·V'_t − V_t         A_t = δ_t + γλ·A_{t+1}, without the second term at an episode's end
-/// V'_t = V_{t+1} within an episode, V(last state) at a time-out, 0 at a terminal state
+/// V'_t = V_{t+1} within an episode, V(last state) at a time-out, 0 at a terminal state or a finish
 /// ```
 ///
 /// | argument | meaning |
@@ -40,7 +40,7 @@ pub fn advantages(trace: Trace<'_>, discount: f32, trace_decay: f32) -> Vec<f32>
     for t in (0..trace.rewards.len()).rev() {
         let next = match trace.ends[t] {
             None => trace.values[t + 1],
-            Some(End::Terminated) => 0.0,
+            Some(End::Terminated | End::Finished) => 0.0,
             Some(End::TimedOut) => *timed_out.next().expect("a value for each time-out"),
         };
         if trace.ends[t].is_some() {
@@ -76,10 +76,12 @@ mod tests {
 
     #[test]
     fn gae_stops_at_a_terminal_state() {
-        let found = of([None, Some(End::Terminated), None], &[]);
-        // Neither the next value nor what the next episode brings.
-        assert!((found[1] - (10.0 - 3.0)).abs() < 1e-4, "{found:?}");
-        assert!((found[0] - (1.0 + 0.9 * 3.0 - 2.0 + 0.72 * 7.0)).abs() < 1e-4, "{found:?}");
+        for end in [End::Terminated, End::Finished] {
+            let found = of([None, Some(end), None], &[]);
+            // Neither the next value nor what the next episode brings.
+            assert!((found[1] - (10.0 - 3.0)).abs() < 1e-4, "{end:?}: {found:?}");
+            assert!((found[0] - (1.0 + 0.9 * 3.0 - 2.0 + 0.72 * 7.0)).abs() < 1e-4, "{end:?}: {found:?}");
+        }
     }
 
     #[test]

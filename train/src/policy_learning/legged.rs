@@ -34,6 +34,7 @@ impl Task for Environment {
         let end = step.end.map(|end| match end {
             environment::End::Terminated => End::Terminated,
             environment::End::TimedOut => End::TimedOut,
+            environment::End::Finished => End::Finished,
         });
         Step { reward: step.reward, end }
     }

@@ -7,8 +7,10 @@ use std::sync::Arc;
 
 use anyhow::{Context, anyhow, ensure};
 use serde_json::json;
-use vocaloco_core::{installation::Installation, manifest::SkillManifest, robot::RobotModel};
-use vocaloco_sim::environment::{Environment, EnvironmentConfig, TrainingGround};
+use vocaloco_core::{
+    installation::Installation, manifest::SkillManifest, robot::RobotModel, target::TargetRule,
+};
+use vocaloco_sim::environment::{Environment, EnvironmentConfig, TargetRules, TrainingGround};
 use vocaloco_sim::identity::sha256_hex;
 use vocaloco_sim::rollout::RolledSkill;
 
@@ -77,7 +79,8 @@ pub fn run(options: &Options) -> anyhow::Result<ExitCode> {
     Training::start(options, config, &robot, &experts)?.run(&policy)
 }
 
-/// A skill's `training.toml`, and what it says; a contract that it leaves out is that of the skill's manifest.
+/// A skill's `training.toml`, and what it says; a contract that it leaves out is that of the skill's manifest,
+/// and so are then the targets.
 ///
 /// # Errors
 /// Either file is wrong.
@@ -87,6 +90,8 @@ pub(super) fn read_config(installation: &Installation, skill: &str) -> anyhow::R
     let manifest = installation.skill_file(skill);
     if config.environment.contract.is_none() && manifest.is_file() {
         let manifest = SkillManifest::read(&manifest).map_err(|finding| anyhow!("{finding}"))?;
+        let targets = TargetRule::of(&manifest).map(TargetRules::always);
+        config.environment.target = config.environment.target.or(targets);
         config.environment.contract = manifest.contract;
     }
     Ok((file, config))

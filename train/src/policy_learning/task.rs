@@ -9,6 +9,8 @@ pub enum End {
     Terminated,
     /// Cut off by the clock: what would have followed is estimated by the critic.
     TimedOut,
+    /// For good, and no failure: it was to end then.
+    Finished,
 }
 
 /// What one step gave.

@@ -229,12 +229,14 @@ impl Track {
         self.episode_steps += 1;
         self.episode_reward += f64::from(step.reward);
         let Some(end) = step.end else { return };
-        if end == End::TimedOut {
-            let at = self.privileged.len();
-            self.see_last(task);
-            self.timed_out.extend(self.privileged.drain(at..));
-        } else {
-            self.episodes.terminated += 1;
+        match end {
+            End::TimedOut => {
+                let at = self.privileged.len();
+                self.see_last(task);
+                self.timed_out.extend(self.privileged.drain(at..));
+            }
+            End::Terminated => self.episodes.terminated += 1,
+            End::Finished => {}
         }
         self.episodes.count += 1;
         self.episodes.steps += std::mem::take(&mut self.episode_steps);

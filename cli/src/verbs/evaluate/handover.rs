@@ -5,7 +5,7 @@ use serde::Serialize;
 use vocaloco_sim::{
     handover::{HandoverQuery, HandoverRow, hand_over, summarise},
     plant::PlantKind,
-    rollout::Perturbations,
+    rollout::{Perturbations, RolloutRules},
     terrain::CourseKind,
     threads::with_threads,
 };
@@ -71,6 +71,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     let bar = progress::bar(&what, args.samples * args.size_m.len() as u64);
     let rows = args.size_m.iter().map(|size_m| {
         let query = HandoverQuery {
+            rules: RolloutRules::of(&to.loaded.manifest.rollout),
             perturb: args.perturb.clone(),
             patch_noise_m: args.patch_noise_m,
             plant: args.plant.into(),

@@ -4,8 +4,6 @@ use anyhow::ensure;
 use indicatif::ProgressBar;
 use serde::Serialize;
 use vocaloco_sim::{
-    collect::CollectConfig,
-    dataset::Kind,
     evaluate::{Query, ViabilityRow, sample, summarise},
     rollout::{Perturbations, RolloutRules},
     spawn::SpawnRules,
@@ -45,6 +43,10 @@ pub(crate) struct Args {
     /// Yaw about the terrain's direction, ± radians; any yaw on undirected terrain
     #[arg(long, default_value_t = 0.3, value_name = "RAD")]
     yaw_rad: f32,
+    /// On directed terrain only poses whose base is this far before the obstacle, least and most, m;
+    /// without it anywhere on the tile, as in collection
+    #[arg(long, value_name = "LEAST,MOST", value_parser = parse_range)]
+    start_before_m: Option<Range>,
     /// What is drawn for each rollout: protocol (noise, friction, mass, phase), all (these and push,
     /// latency, motor), none, or a list
     #[arg(long, default_value = "protocol", value_name = "LIST", value_parser = parse_perturb)]
@@ -68,6 +70,18 @@ pub(crate) struct Args {
 pub(crate) fn parse_terrain(text: &str) -> Result<TerrainKind, String> {
     let ids = TerrainKind::ALL.map(TerrainKind::id).join(" ");
     TerrainKind::from_id(text).ok_or_else(|| format!("found {text:?}, wanted one of {ids}"))
+}
+
+/// Least and most, m.
+type Range = [f32; 2];
+
+fn parse_range(text: &str) -> Result<Range, String> {
+    let numbers = text.split_once(',').and_then(|(least, most)| least.parse().ok().zip(most.parse().ok()));
+    // Phrased as "is inside", so that NaN is refused too.
+    match numbers {
+        Some((least, most)) if 0.0 <= least && least <= most && most <= 3.0 => Ok([least, most]),
+        _ => Err(format!("found {text:?}, wanted LEAST,MOST in metres, 0 to 3, such as 0.4,0.6")),
+    }
 }
 
 pub(super) fn parse_perturb(text: &str) -> Result<Perturbations, String> {
@@ -109,7 +123,12 @@ impl Args {
     pub(super) fn query(&self, size_m: f32, rules: RolloutRules) -> Query {
         Query {
             rules,
-            spawn: SpawnRules { yaw_rad: self.yaw_rad, any_yaw_share: 0.0, ..SpawnRules::default() },
+            spawn: SpawnRules {
+                yaw_rad: self.yaw_rad,
+                any_yaw_share: 0.0,
+                start_before_m: self.start_before_m,
+                ..SpawnRules::default()
+            },
             perturb: self.perturb.clone(),
             patch_noise_m: self.patch_noise_m,
             plant: self.plant.into(),
@@ -125,9 +144,12 @@ impl Args {
     /// The command that repeats the table, on any number of threads.
     pub(super) fn command(&self, experiment: &str, rules: &RolloutRules) -> String {
         let sizes: Vec<String> = self.size_m.iter().map(ToString::to_string).collect();
+        let start = self
+            .start_before_m
+            .map_or_else(String::new, |[least_m, most_m]| format!(" --start-before-m {least_m},{most_m}"));
         format!(
             "vocaloco evaluate {experiment} --skill {} --terrain {} --size-m {} --samples {} --horizon-m {} \
-             --time-limit-s {} --yaw-rad {} --perturb {} --plant {} --patch-noise-m {} --robot {} --seed {}",
+             --time-limit-s {} --yaw-rad {}{start} --perturb {} --plant {} --patch-noise-m {} --robot {} --seed {}",
             self.skill,
             self.terrain,
             sizes.join(","),
@@ -148,7 +170,7 @@ impl Args {
 }
 
 fn rules(args: &Args, rolled: &Rolled) -> anyhow::Result<RolloutRules> {
-    let own = CollectConfig::new(Kind::Viability, 0).for_skill(&rolled.loaded.manifest.rollout).rollout;
+    let own = RolloutRules::of(&rolled.loaded.manifest.rollout);
     let horizon_m = args.horizon_m.unwrap_or(own.horizon_m);
     ensure!((0.1..=4.0).contains(&horizon_m), "--horizon-m: found {horizon_m}, wanted 0.1 to 4");
     let time_limit_s = args.time_limit_s.unwrap_or(own.time_limit_s * horizon_m / own.horizon_m);

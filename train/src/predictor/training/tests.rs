@@ -31,6 +31,7 @@ fn meta(kind: Kind, skill: &str) -> Meta {
             plugin_source_sha256: Some("5ca1ab1e".into()),
             parameters_sha256: String::new(),
             policy_sha256: None,
+            target_distance_m: None,
         },
         simulator: SimulatorId { name: "rapier3d".into(), version: "0.36.1".into() },
         config: CollectConfig::new(kind, 1),
