@@ -1,5 +1,5 @@
 //! A predictor's file, unmodified, passes onnx's checker and gives in Python's onnxruntime what the
-//! training kernel and the runtime's own loader give, to 1e-5: random networks and the shipped ones.
+//! training kernel gives, to 1e-5, and what the shipped ones give at run time, to 5e-5.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,9 @@ use vocaloco_train::predictor::export::{Origin, onnx, output_name};
 use vocaloco_train::predictor::network::start_values;
 use vocaloco_train::predictor::sgd::{Head, answers};
 
-const TOLERANCE: f64 = 1e-5;
+const TRAINED: f64 = 1e-5;
+/// At run time the weights of the fully connected layers are kept in two bytes.
+const RUNNING: f64 = 5e-5;
 const HEADS: [(Head, Quantity); 2] = [(Head::Sigmoid, Quantity::Viability), (Head::Linear, Quantity::Cot)];
 
 /// Stairs, walls and noise, different in both axes.
@@ -49,12 +51,12 @@ fn in_onnxruntime(models: &[PathBuf], fields: &[Field]) -> serde_json::Value {
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
-fn compare(what: &str, found: &serde_json::Value, wanted: &[f32]) {
+fn compare(what: &str, found: &serde_json::Value, wanted: &[f32], tolerance: f64) {
     let found = found.as_array().unwrap_or_else(|| panic!("{what}: no outputs"));
     assert_eq!(found.len(), wanted.len(), "{what}");
     for (k, (found, wanted)) in found.iter().zip(wanted).enumerate() {
         let difference = (found.as_f64().expect("a number") - f64::from(*wanted)).abs();
-        assert!(difference < TOLERANCE, "{what}, field {k}: {found} against {wanted}");
+        assert!(difference < tolerance, "{what}, field {k}: {found} against {wanted}");
     }
 }
 
@@ -76,7 +78,7 @@ fn exported_networks_answer_as_the_training_kernel() {
     let told = in_onnxruntime(&files, &fields);
     for (file, wanted) in files.iter().zip(&wanted) {
         let name = file.display().to_string();
-        compare(&name, &told["outputs"][&name], wanted);
+        compare(&name, &told["outputs"][&name], wanted, TRAINED);
     }
 }
 
@@ -98,6 +100,6 @@ fn shipped_networks_answer_as_the_runtime_loads_them() {
         let mut predictor = Predictor::load(&file, quantity).unwrap();
         let wanted: Vec<f32> = fields.iter().map(|field| predictor.predict(field).unwrap()).collect();
         let name = file.display().to_string();
-        compare(&name, &told["outputs"][&name], &wanted);
+        compare(&name, &told["outputs"][&name], &wanted, RUNNING);
     }
 }

@@ -4,9 +4,15 @@
 //! Three measures of distance, none of which the fields' own noise moves much; a file carries them in
 //! its metadata, so that a predictor and what it knows cannot be exchanged.
 
+#![allow(
+    clippy::inline_always,
+    reason = "vector instructions are only made inside the function that asks for them"
+)]
+
 use std::fmt::Write;
 
 use super::guard::Fault;
+use super::simd::{self, Job, Simd};
 use crate::heightfield::{CELLS, COLUMNS, Field, ROWS};
 
 /// Directions in which the fitted fields differ most.
@@ -91,6 +97,11 @@ impl KnownTerrain {
 
     /// The three measures of a field: among the components, beside them, and in one place.
     pub fn measures(&self, field: &[f32; CELLS]) -> [f32; 3] {
+        simd::on_widest(Measures(self, field))
+    }
+
+    #[inline(always)]
+    fn measure<S: Simd>(&self, simd: S, field: &[f32; CELLS]) -> [f32; 3] {
         let mut left = padded(field);
         let mean = sum(&left) / CELLS as f32;
         for (left, known) in left.as_flattened_mut().iter_mut().zip(self.mean_m.as_flattened()) {
@@ -100,13 +111,13 @@ impl KnownTerrain {
         let mut among = 0.0;
         let deviation = left;
         for (component, variance) in self.components.iter().zip(&self.variance_m2) {
-            let along = dot(component, &deviation);
+            let along = dot(simd, component, &deviation);
             among += along * along / variance;
             for (left, component) in left.as_flattened_mut().iter_mut().zip(component.as_flattened()) {
                 *left -= along * component;
             }
         }
-        [among, dot(&left, &left), in_one_place(left.as_flattened())]
+        [among, dot(simd, &left, &left), in_one_place(left.as_flattened())]
     }
 
     /// As text for a file's metadata: every number's bits in hexadecimal.
@@ -157,6 +168,19 @@ impl KnownTerrain {
     }
 }
 
+/// What is known, and the field that is measured against it. No product is fused with its sum.
+struct Measures<'a>(&'a KnownTerrain, &'a [f32; CELLS]);
+
+impl Job for Measures<'_> {
+    type Answer = [f32; 3];
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> [f32; 3] {
+        self.0.measure(simd, self.1)
+    }
+}
+
+#[inline(always)]
 fn padded(cells: &[f32; CELLS]) -> Cells {
     let mut padded = [[0.0; LANES]; BLOCKS];
     padded.as_flattened_mut()[..CELLS].copy_from_slice(cells);
@@ -164,6 +188,7 @@ fn padded(cells: &[f32; CELLS]) -> Cells {
 }
 
 /// Sixteen sums side by side, then added in order.
+#[inline(always)]
 fn sum(cells: &Cells) -> f32 {
     let mut sums = [0.0; LANES];
     for block in cells {
@@ -174,33 +199,46 @@ fn sum(cells: &Cells) -> f32 {
     sums.iter().sum()
 }
 
-fn dot(a: &Cells, b: &Cells) -> f32 {
+/// The same of the products a·b.
+#[inline(always)]
+fn dot<S: Simd>(simd: S, a: &Cells, b: &Cells) -> f32 {
     let mut sums = [0.0; LANES];
-    for (a, b) in a.iter().zip(b) {
-        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
-            *sum += a * b;
+    for at in (0..LANES).step_by(S::WIDTH) {
+        let mut sum = simd.splat(0.0);
+        for (a, b) in a.iter().zip(b) {
+            sum = simd.add(sum, simd.mul(simd.load(&a[at..]), simd.load(&b[at..])));
         }
+        simd.store(sum, &mut sums[at..]);
     }
     sums.iter().sum()
 }
 
 /// The largest |mean| over all windows.
+#[inline(always)]
 fn in_one_place(cells: &[f32]) -> f32 {
-    let [rows, columns] = WINDOW;
-    let mut largest = 0.0;
-    for row in 0..=ROWS - rows {
-        let mut across = [0.0; COLUMNS];
-        for cells in cells[row * COLUMNS..][..rows * COLUMNS].as_chunks::<COLUMNS>().0 {
-            for (across, cell) in across.iter_mut().zip(cells) {
-                *across += cell;
-            }
-        }
-        for window in across.windows(columns) {
-            let total: f32 = window.iter().sum();
-            largest = if total.abs() <= largest { largest } else { total.abs() };
+    const HIGH: usize = WINDOW[0];
+    const WIDE: usize = WINDOW[1];
+    // Of every first cell, also of windows that would reach beyond the last column.
+    let mut along = [0.0; (ROWS - HIGH + 1) * COLUMNS];
+    for row in 0..HIGH {
+        for (along, cell) in along.iter_mut().zip(&cells[row * COLUMNS..]) {
+            *along += cell;
         }
     }
-    largest / (rows * columns) as f32
+    let mut totals = [0.0; (ROWS - HIGH + 1) * COLUMNS];
+    for column in 0..WIDE {
+        for (total, along) in totals.iter_mut().zip(&along[column..]) {
+            *total += along;
+        }
+    }
+    let mut largest = [0.0_f32; COLUMNS - WIDE + 1];
+    for totals in totals.as_chunks::<COLUMNS>().0 {
+        for (largest, total) in largest.iter_mut().zip(totals) {
+            *largest = if total.abs() <= *largest { *largest } else { total.abs() };
+        }
+    }
+    let largest = largest.into_iter().fold(0.0, |largest, here| if here <= largest { largest } else { here });
+    largest / (HIGH * WIDE) as f32
 }
 
 #[cfg(test)]

@@ -5,8 +5,9 @@ use std::collections::BTreeMap;
 use tract_onnx::pb;
 
 use super::conv::Convolution;
+use super::conv::{MARGIN, STRIDE};
 use super::dense::Dense;
-use super::{FLAT, FixedNetwork, HIDDEN};
+use super::{FLAT, FixedNetwork, HIDDEN, POOLED_COLUMNS, POOLED_ROWS};
 use crate::predictor::guard::floats;
 
 /// Operators in order; the sigmoid, or an identity in its place, may follow.
@@ -57,8 +58,8 @@ impl FixedNetwork {
             conv1: Convolution::new(&w1, &b1)?,
             conv2: Convolution::new(&w2, &b2)?,
             conv3: Convolution::new(&w3, &b3)?,
-            fc1: dense(gemm(fc1, HIDDEN, FLAT)?)?,
-            fc2: dense(gemm(fc2, HIDDEN, HIDDEN)?)?,
+            fc1: dense(&lanes_of_a_plane(), gemm(fc1, HIDDEN, FLAT)?)?,
+            fc2: dense(&std::array::from_fn::<_, HIDDEN, _>(|lane| lane), gemm(fc2, HIDDEN, HIDDEN)?)?,
             out_weight: out_weight.try_into().ok()?,
             out_bias: *out_bias.first()?,
             has_sigmoid,
@@ -66,9 +67,18 @@ impl FixedNetwork {
     }
 }
 
-fn dense<const IN: usize>((weight, bias): (Vec<f32>, Vec<f32>)) -> Option<Dense<IN>> {
+/// Where the cells of a pooled plane lie, in the order in which they are flattened.
+fn lanes_of_a_plane() -> [usize; POOLED_ROWS * POOLED_COLUMNS] {
+    std::array::from_fn(|cell| MARGIN + cell / POOLED_COLUMNS * STRIDE + cell % POOLED_COLUMNS)
+}
+
+fn dense<const PLANES: usize>(
+    lanes: &[usize],
+    (weight, bias): (Vec<f32>, Vec<f32>),
+) -> Option<Dense<PLANES>> {
     let bias: [f32; HIDDEN] = bias.try_into().ok()?;
-    Some(Dense::new(|output, input| weight[output * IN + input], &bias))
+    let inputs = PLANES * lanes.len();
+    Some(Dense::new(lanes, |output, input| weight[output * inputs + input], &bias))
 }
 
 /// Weight of `shape`, and bias, of a layer.
