@@ -1,8 +1,16 @@
 //! A fully connected layer on one row.
 
-/// Outputs that are summed side by side: as many as hide the time of an addition in registers of any width.
-/// Half of that is four times slower: the compiler takes it apart into single sums.
+#![allow(
+    clippy::inline_always,
+    reason = "vector instructions are only made inside the function that asks for them"
+)]
+
+use crate::predictor::simd::{self, Job, Simd};
+
+/// Outputs of a block; the last one is filled up with zeros.
 const LANES: usize = 32;
+/// Blocks that are summed side by side where there are so many: enough to hide the time of an addition.
+const TOGETHER: usize = 4;
 
 /// `y = W·x + b`.
 ///
@@ -44,15 +52,59 @@ impl Dense {
 
     /// `x` has the layer's inputs, `y` its outputs.
     pub(super) fn run(&self, x: &[f32], y: &mut [f32]) {
-        let blocks = self.weights.chunks_exact(self.inputs).zip(&self.bias);
-        for ((weights, bias), y) in blocks.zip(y.chunks_mut(LANES)) {
-            let mut sums = *bias;
-            for (row, &x) in weights.iter().zip(x) {
-                for (sum, weight) in sums.iter_mut().zip(row) {
-                    *sum += weight * x;
+        simd::on_widest(Forward { layer: self, x, y });
+    }
+
+    /// `COUNT` blocks of outputs from `block` on.
+    #[inline(always)]
+    fn blocks<S: Simd, const COUNT: usize>(&self, simd: S, block: usize, x: &[f32], y: &mut [f32]) {
+        let weights: [&[[f32; LANES]]; COUNT] =
+            std::array::from_fn(|k| &self.weights[(block + k) * self.inputs..][..self.inputs]);
+        let mut sums: [[f32; LANES]; COUNT] = std::array::from_fn(|k| self.bias[block + k]);
+        // Two vectors of each block at a time.
+        for at in (0..LANES).step_by(2 * S::WIDTH) {
+            let mut lanes =
+                sums.each_ref().map(|sums| [simd.load(&sums[at..]), simd.load(&sums[at + S::WIDTH..])]);
+            for (input, &x) in x.iter().enumerate().take(self.inputs) {
+                let x = simd.splat(x);
+                for (lanes, weights) in lanes.iter_mut().zip(weights) {
+                    let row = &weights[input];
+                    for (half, sum) in lanes.iter_mut().enumerate() {
+                        *sum = simd.add(*sum, simd.mul(simd.load(&row[at + half * S::WIDTH..]), x));
+                    }
                 }
             }
+            for (sums, [first, second]) in sums.iter_mut().zip(lanes) {
+                simd.store(first, &mut sums[at..]);
+                simd.store(second, &mut sums[at + S::WIDTH..]);
+            }
+        }
+        for (sums, y) in sums.iter().zip(y[block * LANES..].chunks_mut(LANES)) {
             y.copy_from_slice(&sums[..y.len()]);
+        }
+    }
+}
+
+/// A layer on its way from `x` to `y`.
+struct Forward<'a> {
+    layer: &'a Dense,
+    x: &'a [f32],
+    y: &'a mut [f32],
+}
+
+impl Job for Forward<'_> {
+    type Answer = ();
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) {
+        let Self { layer, x, y } = self;
+        let blocks = layer.bias.len();
+        let whole = blocks / TOGETHER * TOGETHER;
+        for block in (0..whole).step_by(TOGETHER) {
+            layer.blocks::<S, TOGETHER>(simd, block, x, y);
+        }
+        for block in whole..blocks {
+            layer.blocks::<S, 1>(simd, block, x, y);
         }
     }
 }
