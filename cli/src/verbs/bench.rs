@@ -8,6 +8,7 @@ mod rollouts;
 #[cfg(feature = "sim")]
 mod soak;
 mod tick;
+mod tick_parts;
 mod tick_peer;
 mod train;
 

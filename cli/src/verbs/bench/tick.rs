@@ -14,8 +14,11 @@ use vocaloco_core::{
     runtime::{Pace, Runtime, Supervision},
 };
 
-use super::approach::{APPROACH_TICKS, approach, stairs};
-use super::tick_peer::{self, Peer};
+use super::{
+    approach::{APPROACH_TICKS, approach, stairs},
+    tick_parts::{self, Parts},
+    tick_peer::{self, Peer},
+};
 use crate::{
     allocations,
     exit::Exit,
@@ -35,6 +38,7 @@ use crate::{
 ///
 /// More skills than the deployment has are its own over again, each with a plugin instance and networks
 /// of its own. `allocations_per_tick` is this program's; what a plugin's library allocates is not seen.
+/// `parts` is what the networks, and the check whether their terrain is known, take by themselves.
 /// `peer` runs the networks alone, two a skill, on one thread of Python's onnxruntime, where the
 /// interpreter has that package, and must answer as ours do.
 #[derive(clap::Args)]
@@ -71,6 +75,8 @@ struct Report {
     p99_us: f64,
     max_us: f64,
     driven_share: f64,
+    /// What of it the networks and the check of the terrain take.
+    parts: Parts,
     real_time: Otherwise,
     isolated: Option<Otherwise>,
     allocations_per_tick: f64,
@@ -108,6 +114,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         }
     }
     let field = stairs(0.4, loaded.robot.description.stand_height_m).heightfield()?.prepare(None)?;
+    let parts = tick_parts::time(&mut loaded.skills, &field, args.ticks)?;
     let peer = tick_peer::time(&args.python, &mut loaded.skills, &field, args.ticks)?;
     let plain = args.time(Runtime::new(loaded)?);
     let otherwise = |runtime: Runtime| {
@@ -146,6 +153,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         p99_us: quantile(&plain.times_us, 0.99),
         max_us: quantile(&plain.times_us, 1.0),
         driven_share: plain.driven as f64 / args.ticks as f64,
+        parts,
         real_time,
         isolated,
         allocations_per_tick: plain.allocations as f64 / args.ticks as f64,
@@ -170,6 +178,10 @@ fn say(report: &Report) -> anyhow::Result<()> {
         networks.collect::<Vec<_>>().join(", "),
         100.0 * report.driven_share,
         report.allocations_per_tick
+    ))?;
+    let Parts { networks_p50_us, known_terrain_p50_us } = report.parts;
+    output::line(&format!(
+        "of it, each alone: networks {networks_p50_us:.0} µs, check of the terrain {known_terrain_p50_us:.0} µs"
     ))?;
     if let Some(Peer { name, p50_us: theirs_us, .. }) = &report.peer {
         output::line(&format!(
