@@ -53,7 +53,7 @@ fn section(contract: &Contract) -> String {
     let positions = &action.default_position_rad;
     let strangers = positions.keys().filter(|name| !joints.contains(name));
     let named = joints.iter().chain(strangers).filter_map(|joint| Some((joint, positions.get(joint)?)));
-    lines.extend(named.map(|(joint, position_rad)| format!("{} = {}", inline(joint), inline(position_rad))));
+    lines.extend(named.map(|(joint, position_rad)| format!("{} = {}", key(joint), inline(position_rad))));
     lines.push("\n[contract.gains]".to_owned());
     lines.push(format!("stiffness_nm_per_rad = {}", inline(&gains.stiffness_nm_per_rad)));
     lines.push(format!("damping_nms_per_rad = {}", inline(&gains.damping_nms_per_rad)));
@@ -86,6 +86,12 @@ fn patch(patch: &HeightPatch) -> String {
 
 fn list(rows: impl Iterator<Item = String>) -> String {
     rows.fold("[\n".to_owned(), |text, row| text + "    " + &row + ",\n") + "]"
+}
+
+/// A name as a key: bare where TOML lets it be.
+fn key(name: &str) -> String {
+    let is_bare = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_' || c == '-');
+    if is_bare { name.to_owned() } else { inline(name) }
 }
 
 /// A value as TOML has it on one line.

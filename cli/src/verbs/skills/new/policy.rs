@@ -37,11 +37,19 @@ pub(super) struct Facts {
 }
 
 impl Facts {
-    /// For people, a line each.
+    /// For people: the network, then the fields of each origin.
     pub(super) fn lines(&self) -> Vec<String> {
-        let head = format!("{} values in, {} actions out", self.inputs, self.outputs);
-        let fields = self.contract_from.iter().map(|(field, from)| format!("{field}: {from}"));
-        std::iter::once(head).chain(fields).collect()
+        let mut lines = vec![format!("{} values in, {} actions out", self.inputs, self.outputs)];
+        lines.extend(self.by_origin());
+        lines
+    }
+
+    fn by_origin(&self) -> Vec<String> {
+        let mut fields: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for (field, origin) in &self.contract_from {
+            fields.entry(origin).or_default().push(field);
+        }
+        fields.into_iter().map(|(origin, fields)| format!("{}: {origin}", fields.join(", "))).collect()
     }
 }
 
@@ -171,13 +179,12 @@ fn at_home(args: &Args, policy: &Path, finding: Finding) -> Finding {
 
 /// The card's first section; `train` adds its own.
 fn card(name: &str, file: &Path, facts: &Facts) -> String {
-    let Facts { policy_sha256, inputs, outputs, contract_from } = facts;
+    let Facts { policy_sha256, inputs, outputs, .. } = facts;
     let file = file.file_name().unwrap_or_default().display();
-    let fields: Vec<_> = contract_from.iter().map(|(field, from)| format!("{field}: {from}")).collect();
     format!(
         "# {name}\n\n## policy.onnx\n\n| | |\n|---|---|\n| file | sha256 `{policy_sha256}` |\n| from | `{file}`, by \
          `vocaloco skills new` |\n| network | {inputs} values in, {outputs} actions out |\n| contract | {} |\n",
-        fields.join("<br>")
+        facts.by_origin().join("<br>")
     )
 }
 
