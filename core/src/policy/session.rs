@@ -7,6 +7,7 @@ use ort::value::Tensor;
 
 use crate::predictor::backend::{backend, session};
 use crate::predictor::guard::{Fault, PolicyFile};
+use crate::predictor::run::run;
 
 /// A session that instances take turns with: a runtime's own is not to be shared.
 pub(super) struct SharedSession {
@@ -34,15 +35,17 @@ impl SharedSession {
         let (session, tensor) = &mut *running;
         let (_, values) = tensor.extract_tensor_mut();
         values.copy_from_slice(input);
-        let outputs = session
-            .run(ort::inputs![self.input.as_str() => &*tensor])
-            .map_err(|error| format!("model: {error}"))?;
-        let found = outputs.get(self.output.as_str()).ok_or_else(|| format!("no output {}", self.output))?;
-        let (_, found) = found.try_extract_tensor::<f32>().map_err(|error| error.to_string())?;
-        if found.len() != output.len() {
-            return Err(format!("{}: found {} values, wanted {}", self.output, found.len(), output.len()));
+        let wanted = output.len();
+        let found = run(session, (&self.input, tensor), &self.output, |_, found| {
+            if found.len() == wanted {
+                output.copy_from_slice(found);
+            }
+            found.len()
+        });
+        match found.map_err(|error| format!("model: {error}"))? {
+            Some(found) if found == wanted => Ok(()),
+            Some(found) => Err(format!("{}: found {found} values, wanted {wanted}", self.output)),
+            None => Err(format!("no output {}", self.output)),
         }
-        output.copy_from_slice(found);
-        Ok(())
     }
 }

@@ -7,6 +7,7 @@ use tract_onnx::pb;
 
 use super::fixed::FixedNetwork;
 use super::guard::{self, Fault};
+use super::run::run;
 use super::{Quantity, backend};
 use crate::heightfield::{CELLS, COLUMNS, ROWS};
 
@@ -97,15 +98,15 @@ impl Runtime {
     fn run(&mut self, cells: &[f32; CELLS], quantity: Quantity) -> Result<f32, Fault> {
         let (_, input) = self.input.extract_tensor_mut();
         input.copy_from_slice(cells);
-        let outputs = self
-            .session
-            .run(ort::inputs![guard::INPUT => &self.input])
+        let read = |shape: &[i64], values: &[f32]| match values {
+            [value] if shape.len() == 2 => Ok(*value),
+            _ => Err(format!("{shape:?}")),
+        };
+        let found = run(&mut self.session, (guard::INPUT, &self.input), quantity.output(), read)
             .map_err(|error| Fault::new("model", error, "a model that runs"))?;
-        let value = outputs.get(quantity.output()).map(|value| value.try_extract_tensor::<f32>());
-        let found = match value {
-            Some(Ok((shape, [value]))) if shape.len() == 2 => return Ok(*value),
-            Some(Ok((shape, _))) => format!("{shape:?}"),
-            Some(Err(error)) => error.to_string(),
+        let found = match found {
+            Some(Ok(value)) => return Ok(value),
+            Some(Err(shape)) => shape,
             None => "no such output".to_owned(),
         };
         Err(Fault::new(quantity.output(), found, "f32 [1, 1]"))

@@ -11,6 +11,7 @@ pub(crate) mod guard;
 pub mod known_terrain;
 #[cfg(test)]
 pub(crate) mod network;
+pub(crate) mod run;
 pub(crate) mod simd;
 #[cfg(test)]
 mod tests;
