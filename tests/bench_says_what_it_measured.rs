@@ -65,9 +65,12 @@ fn onnxruntime_answers_as_the_tick_s_networks_do_and_takes_longer_than_the_whole
 
 #[test]
 fn a_soak_misses_no_decision_repeats_all_of_them_and_meets_faults_of_every_source() {
-    let ticks = if cfg!(feature = "peers") { 8000 } else { 4000 };
-    let report = bench(&["soak", "--ticks", &ticks.to_string(), "--seed", "3"]);
-    assert_eq!(report["ticks"], ticks, "{report:#}");
+    let soak = || bench(&["soak", "--ticks", "10000", "--seed", "3"]);
+    let (report, again) = (soak(), soak());
+    for same in ["faults", "skills_added", "skills_removed", "switches", "driven_share"] {
+        assert_eq!(report[same], again[same], "{same}: {report:#}, {again:#}");
+    }
+    assert_eq!(report["ticks"], 10_000, "{report:#}");
     for nothing in ["missed", "replay_differs", "unanswered", "unsound_targets"] {
         assert_eq!(report[nothing], 0, "{nothing}: {report:#}");
     }

@@ -3,25 +3,24 @@
 mod bundles;
 mod memory;
 mod record;
+mod report;
 mod tally;
 mod trouble;
 
-use std::collections::BTreeMap;
-
 use anyhow::{Context, ensure};
-use serde::Serialize;
 use vocaloco_core::decision::{Decision, Forced, STAND};
 use vocaloco_core::installation::Installation;
 use vocaloco_core::manifest::Deadlines;
 use vocaloco_core::registry::load_deployment;
 use vocaloco_core::runtime::{
-    Followed, Pace, Place, Roster, Runtime, RuntimeConfig, Skill, Supervision, Tick, TickSummary, Watch,
+    Followed, Pace, Place, Roster, Runtime, RuntimeConfig, Skill, Supervision, Tick, Watch,
 };
 use vocaloco_plugin_api::JointTarget;
 
 use self::bundles::{Bundles, DEPLOYMENT};
 use self::memory::Memory;
-use self::record::{Difference, Record};
+use self::record::Record;
+use self::report::Report;
 use self::tally::Tally;
 use self::trouble::{Draws, Moody, Senses};
 use crate::exit::Exit;
@@ -56,82 +55,12 @@ pub(crate) struct Args {
 
 /// Ticks from which on growth is judged.
 const JUDGED_TICKS: u64 = 50_000;
-/// Growth of memory that is none.
-const FLAT: f64 = 0.05;
-/// Files that may be open beyond those of the warm-up: the isolated skill's, and what a look at files opens.
-const SPARE_FILES: usize = 8;
 /// Ticks of one log.
 const SEGMENT_TICKS: u64 = 500;
 /// Ticks between two changes of skills, at least and less than.
 const CHANGE_TICKS: [u64; 2] = [100, 600];
 /// Seconds of a tick.
 const TICK_S: f64 = 0.02;
-
-/// What `--json` prints.
-#[derive(Serialize)]
-struct Report {
-    command: String,
-    seed: u64,
-    version: &'static str,
-    deployment: String,
-    ticks: u64,
-    /// Ticks whose decision is not in the log where it belongs.
-    missed: u64,
-    /// Ticks that come to another choice or another driver when decided again.
-    replay_differs: u64,
-    /// The first of them.
-    differences: Vec<Difference>,
-    /// Faults that must end in the stand in the same tick and did not.
-    unanswered: u64,
-    /// Ticks with a target that is no number.
-    unsound_targets: u64,
-    /// Highest memory after the first fifth over the highest within it, less 1.
-    rss_growth: f64,
-    /// Whether the run is long enough for that to be judged.
-    judges_growth: bool,
-    /// Tick and highest memory since the one before, MiB.
-    rss_mib: Vec<(u64, f64)>,
-    /// Most files open in the first fifth, and after it.
-    open_files: [usize; 2],
-    /// How often each kind of fault came.
-    faults: BTreeMap<String, u64>,
-    skills_added: u64,
-    skills_removed: u64,
-    /// Changes of who drives.
-    switches: u64,
-    driven_share: f64,
-    wall_s: f64,
-    ticks_per_s: f64,
-    /// What ticks took, isolated plugins' hangs included.
-    timing: TickSummary,
-}
-
-impl Report {
-    /// The promises that were broken, in words.
-    fn broken(&self) -> Vec<String> {
-        let mut broken = Vec::new();
-        for (count, what) in [
-            (self.missed, "decisions are missing from the log"),
-            (self.replay_differs, "decisions come out otherwise from the log"),
-            (self.unanswered, "faults were not answered by the stand in the same tick"),
-            (self.unsound_targets, "ticks had a target that is no number"),
-        ] {
-            if count > 0 {
-                broken.push(format!("{count} {what}"));
-            }
-        }
-        // Phrased as "is inside", so that NaN is broken too.
-        if self.judges_growth && !(-1.0..=FLAT).contains(&self.rss_growth) {
-            let (percent, most) = (100.0 * self.rss_growth, 100.0 * FLAT);
-            broken.push(format!("memory grew by {percent:.1} %, wanted at most {most:.0} %"));
-        }
-        let [early, late] = self.open_files;
-        if late > early + SPARE_FILES {
-            broken.push(format!("{late} files were open, {early} in the first fifth"));
-        }
-        broken
-    }
-}
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     ensure!(
@@ -145,43 +74,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     if args.shared.json {
         output::json(&report)?;
     } else {
-        say(&report)?;
+        report.say()?;
     }
     for line in &broken {
         eprintln!("{line}");
     }
     Ok(if broken.is_empty() { Exit::Fine } else { Exit::Finding })
-}
-
-fn say(report: &Report) -> anyhow::Result<()> {
-    let judged = if report.judges_growth { "at most 5 % wanted" } else { "too short to judge" };
-    output::line(&format!(
-        "{} ticks in {:.0} s, {:.0} a second: {} missed, {} decided otherwise from the log, {} faults unanswered, \
-         memory {:+.1} % after the first fifth ({judged})",
-        report.ticks,
-        report.wall_s,
-        report.ticks_per_s,
-        report.missed,
-        report.replay_differs,
-        report.unanswered,
-        100.0 * report.rss_growth,
-    ))?;
-    output::line(&format!(
-        "skills came {} times and went {} times, the driver changed {} times, a skill drove in {:.0} % of the ticks",
-        report.skills_added,
-        report.skills_removed,
-        report.switches,
-        100.0 * report.driven_share
-    ))?;
-    for (fault, count) in &report.faults {
-        output::line(&format!("  {count:7}  {fault}"))?;
-    }
-    for difference in &report.differences {
-        output::line(&difference.to_string())?;
-    }
-    output::line(&report.timing.to_string())?;
-    output::line(&report.command)?;
-    Ok(())
 }
 
 /// The loop, what troubles it, and what is counted.
