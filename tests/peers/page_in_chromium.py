@@ -122,16 +122,18 @@ def look(chromium, url, width, scheme, folder):
     # A page may build what can be watched when it comes near.
     chromium.value("document.getElementById('courses')?.scrollIntoView()")
     chromium.wait(0.5)
-    chromium.value("document.querySelector('canvas.scene').scrollIntoView({block: 'center', behavior: 'instant'})")
+    show = "document.querySelector('canvas.scene').scrollIntoView({block: 'center', behavior: 'instant'})"
+    chromium.value(show)
     chromium.wait(0.7)
     tick = "Number(document.querySelector('section[data-tick]').dataset.tick)"
     picture = "document.querySelector('canvas.scene').toDataURL()"
     first, before = chromium.value(tick), chromium.value(picture)
     chromium.wait(1.5)
     last, after = chromium.value(tick), chromium.value(picture)
-    # A machine that has no time for a browser draws late.
+    # On a machine that has no time for a browser, what is built late moves the scene out of view.
     until = time.monotonic() + 30
     while after == before and time.monotonic() < until:
+        chromium.value(show)
         chromium.wait(0.5)
         last, after = chromium.value(tick), chromium.value(picture)
     overflow = chromium.value("document.documentElement.scrollWidth - innerWidth")
