@@ -1,12 +1,10 @@
 //! Progress on stderr for anything over two seconds; silent when nobody watches.
 
-#[cfg(feature = "sim")]
 use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressStyle};
 
 /// A turning sign with a text; hidden when stderr is no terminal.
-#[cfg(feature = "sim")]
 pub(crate) fn spinner(text: &str) -> ProgressBar {
     let bar = ProgressBar::new_spinner().with_message(text.to_owned());
     if !bar.is_hidden() {

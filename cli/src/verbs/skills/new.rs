@@ -19,7 +19,7 @@ use crate::verbs::Shared;
 /// Start a skill: from an exported policy network, or as a plugin in Rust.
 ///
 /// With `--from policy.onnx` there is no code to write. What the network was trained with (joints,
-/// observation, action, gains) becomes the manifest's [contract]: read from the file's metadata as Isaac
+/// observation, action, gains) becomes the manifest's `[contract]`: read from the file's metadata as Isaac
 /// Lab, mjlab and this project's trainer write it, completed by `--contract`. It is held against the
 /// network's inputs and outputs and against the robot, and driven for a moment. A network that is refused
 /// leaves nothing behind; the exit code is then 1, and what is missing is shown as it could be written.
@@ -38,7 +38,7 @@ pub(crate) struct Args {
     /// The policy network to run, an ONNX file of one observation in, the actions out
     #[arg(long, value_name = "FILE")]
     from: Option<PathBuf>,
-    /// TOML with a [contract], such as another skill's manifest: its fields stand in place of the metadata's
+    /// TOML with a `[contract]`, such as another skill's manifest: its fields stand in place of the metadata's
     #[arg(long, value_name = "FILE", requires = "from")]
     contract: Option<PathBuf>,
     /// Robot that the policy is for
