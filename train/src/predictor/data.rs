@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::bail;
-use vocaloco_sim::dataset::{self, Dataset, Kind, META_FILE};
+use vocaloco_sim::dataset::{self, Dataset, Kind, META_FILE, SkillId};
 
 use super::samples::Sample;
 use super::sgd::Head;
@@ -24,6 +24,8 @@ pub struct DataSet {
     pub left_out: usize,
     /// Seed of its rows.
     pub seed: u64,
+    /// The skill as it was rolled out: plugin, parameters, policy.
+    pub skill: SkillId,
     /// How it was collected, as one line of Markdown.
     pub collected_by: String,
     terrain: BTreeMap<&'static str, Range>,
@@ -66,6 +68,7 @@ impl DataSet {
         Ok(Self {
             robot: set.meta.robot.name.clone(),
             seed: set.meta.config.seed,
+            skill: set.meta.skill.clone(),
             collected_by: collected_by(&set)?,
             samples: samples(&set),
             left_out: set.trainable.iter().filter(|trainable| !**trainable).count(),

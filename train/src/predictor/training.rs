@@ -154,13 +154,17 @@ pub fn run(args: &Args) -> anyhow::Result<ExitCode> {
         args.write_threshold.is_none() || args.kind != Kind::Cot,
         "--write-threshold: found --kind cot, wanted viability, which a threshold is for"
     );
+    ensure!(
+        args.thresholds_from.is_none() || args.kind != Kind::Cot,
+        "--thresholds-from: found --kind cot, wanted viability, which thresholds are for"
+    );
     let pool = rayon::ThreadPoolBuilder::new().num_threads(args.threads.unwrap_or(0)).build()?;
     let sets =
         args.kind.heads().iter().map(|head| Ok((*head, DataSet::read(&args.data, &args.skill, *head)?)));
     // Both sets are read before either is fitted: what is missing is said at once.
     let sets = sets.collect::<anyhow::Result<Vec<_>>>()?;
-    let thresholds_from = args.thresholds_from.as_deref().filter(|_| args.kind != Kind::Cot);
-    let other = thresholds_from.map(|folder| other_rows(folder, &args.skill, &sets[0].1)).transpose()?;
+    let other = args.thresholds_from.as_deref();
+    let other = other.map(|folder| other_rows(folder, &args.skill, &sets[0].1)).transpose()?;
     let mut reports = Vec::new();
     for (head, set) in &sets {
         let fitted = fit_with_progress(&pool, set, *head, &args.options())
@@ -186,6 +190,13 @@ fn other_rows(folder: &Path, skill: &str, trained: &DataSet) -> anyhow::Result<D
          were trained on",
         set.folder.join(META_FILE).display(),
         set.seed
+    );
+    ensure!(
+        set.skill == trained.skill,
+        "{}: skill: found {:?}, wanted the training data's, {:?}: a promise is about the skill that is predicted",
+        set.folder.join(META_FILE).display(),
+        set.skill,
+        trained.skill
     );
     Ok(set)
 }

@@ -154,6 +154,17 @@ fn thresholds_may_come_from_other_rows_but_not_from_the_trained_ones() {
     data_set_of(other.path(), Kind::Viability, "walk", 1);
     let error = train(data.path(), out.path(), &more).unwrap_err().to_string();
     assert!(error.contains("config.seed: found 1"), "{error}");
+
+    let older = SkillId { parameters_sha256: "01der".into(), ..meta(Kind::Viability, "walk").skill };
+    let config = CollectConfig::new(Kind::Viability, 2);
+    let older = Meta { skill: older, config, ..meta(Kind::Viability, "walk") };
+    older.write(&other.path().join("walk/viability")).unwrap();
+    let error = train(data.path(), out.path(), &more).unwrap_err().to_string();
+    assert!(error.contains("skill: found") && error.contains("01der"), "{error}");
+
+    let more = ["--kind", "cot", "--thresholds-from", other.path().to_str().unwrap()];
+    let error = train(data.path(), out.path(), &more).unwrap_err().to_string();
+    assert!(error.contains("--thresholds-from: found --kind cot"), "{error}");
 }
 
 #[test]
