@@ -189,6 +189,11 @@ pub(crate) fn load_deployed(
     examine(installation, skill, robot, ModelPolicy::Required, intake)
         .map_err(|findings| first(installation, skill, findings))
         .and_then(|loaded| fits_rate(installation, deployment, loaded))
+        .map(|mut loaded| {
+            let own = &mut loaded.manifest.selection.viability_threshold;
+            *own = deployment.viability_thresholds.get(skill).copied().unwrap_or(*own);
+            loaded
+        })
 }
 
 /// Reads a deployment's manifest alone.

@@ -18,6 +18,7 @@ pub mod occlusion;
 pub mod physics;
 pub mod plant;
 pub mod plant_agreement;
+pub mod promise;
 pub mod rollout;
 pub mod scene;
 pub mod scores;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use anyhow::{bail, ensure};
 use serde_json::json;
 use vocaloco_sim::{
-    collect::{CollectConfig, Collected, Collection, RunLog},
+    collect::{CollectConfig, Collected, Collection, Mixture, RunLog},
     dataset::{Kind, Layout, ROWS_PER_SHARD, Shard},
 };
 
@@ -53,6 +53,9 @@ pub(crate) struct Args {
     /// Uniform noise on every height that the plugin sees, ± metres
     #[arg(long, default_value_t = 0.02, value_name = "M")]
     patch_noise_m: f32,
+    /// Terrains and their weights, such as flat=0.1,stairs_up=0.45; what the method trains on unless given
+    #[arg(long, value_name = "LIST")]
+    mixture: Option<Mixture>,
     /// Robot to roll out
     #[arg(long, default_value = "anymal_d")]
     robot: String,
@@ -95,6 +98,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         plant: args.plant.into(),
         field_noise_m: args.field_noise_m,
         patch_noise_m: args.patch_noise_m,
+        mixture: args.mixture.clone().unwrap_or_default(),
         ..CollectConfig::new(kind, args.shared.seed).for_skill(&rolled.loaded.manifest.rollout)
     };
     let collection = Collection {
@@ -169,8 +173,9 @@ fn command(args: &Args, kind: Kind) -> String {
         rows => format!(" --rows-per-shard {rows}"),
     };
     let plant = if args.plant == Plant::Fast { " --plant fast" } else { "" };
+    let mixture = args.mixture.as_ref().map(|mixture| format!(" --mixture {mixture}")).unwrap_or_default();
     format!(
-        "vocaloco collect --skill {} --kind {} --samples {} --seed {}{repeats}{shard}{plant} --field-noise-m {} \
+        "vocaloco collect --skill {} --kind {} --samples {} --seed {}{repeats}{shard}{plant}{mixture} --field-noise-m {} \
          --patch-noise-m {} --robot {} --out {}",
         args.skill,
         kind.id(),

@@ -37,6 +37,12 @@ enum What {
         /// The model, such as skills/walk/viability.onnx
         #[arg(long, value_name = "FILE")]
         model: PathBuf,
+        /// Shares of unsafe terrain for which thresholds are computed, with 95 % confidence; needs viability
+        #[arg(long, value_delimiter = ',', value_name = "LIST")]
+        alpha: Vec<f64>,
+        /// Terrain is unsafe, for those thresholds, where a smaller share of the rollouts succeeds
+        #[arg(long, default_value_t = 0.5, value_name = "SHARE")]
+        required_viability: f32,
         #[command(flatten)]
         shared: Shared,
     },
@@ -56,7 +62,9 @@ enum What {
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
     match args.what {
         What::Show { folder, picture, shared } => show::run(&folder, picture.as_deref(), shared),
-        What::Score { folder, model, shared } => score::run(&folder, &model, shared),
+        What::Score { folder, model, alpha, required_viability, shared } => {
+            score::run(&folder, &model, &score::Risks { alpha, required_viability }, shared)
+        }
         What::Merge { folders, into, shared } => {
             let copied = dataset::merge(&folders, &into)?;
             let dataset::Stored { rows, shards_missing } = dataset::stored(&into)?;

@@ -1,5 +1,6 @@
 //! `manifests/deployments/<name>.toml`: which skills may run on which robot.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
@@ -35,6 +36,8 @@ pub struct Deployment {
     pub deadlines: Deadlines,
     /// How targets go over from one skill to the next.
     pub switching: Switching,
+    /// Thresholds of viability in place of the skills' own.
+    pub viability_thresholds: BTreeMap<String, f32>,
     /// Keys of which one must have signed the lock; none demand no signature.
     pub trusted_keys: Vec<PublicKey>,
 }
@@ -66,6 +69,8 @@ struct Raw {
     deadlines: RawDeadlines,
     #[serde(default)]
     switching: RawSwitching,
+    #[serde(default)]
+    viability_thresholds: BTreeMap<String, f64>,
     #[serde(default)]
     trusted_keys: Vec<String>,
 }
@@ -138,6 +143,14 @@ impl Deployment {
             text.parse::<PublicKey>().map_err(refuse)
         });
         let trusted_keys = trusted_keys.collect::<Result<Vec<_>, _>>()?;
+        let viability_thresholds = raw.viability_thresholds.iter().map(|(skill, threshold)| {
+            let field = format!("viability_thresholds.{skill}");
+            if !raw.skills.contains(skill) {
+                return Err(source.finding(&field, format!("{skill:?}"), "a skill of this deployment"));
+            }
+            Ok((skill.clone(), source.inside(&field, *threshold, 0.0..=1.0)? as f32))
+        });
+        let viability_thresholds = viability_thresholds.collect::<Result<_, _>>()?;
         let window = |field: &str, ticks: usize| {
             if (1..=1000).contains(&ticks) {
                 Ok(ticks)
@@ -161,6 +174,7 @@ impl Deployment {
                 ramp_s: source.inside("switching.ramp_s", raw.switching.ramp_s, 0.0..=1.0)?,
                 mixing: raw.switching.mixing,
             },
+            viability_thresholds,
             trusted_keys,
             robot: raw.robot,
             skills: raw.skills,

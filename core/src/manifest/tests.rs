@@ -116,6 +116,8 @@ fn a_deployment_out_of_range_is_refused_by_field() {
         ("rate_hz = 50", "trusted_keys = [\"ab\"]", "trusted_keys[0]"),
         ("\"descend_network\"]", "\"walk\"]", "skills[2]"),
         ("[\"walk\", \"ascend_network\", \"descend_network\"]", "[]", "skills"),
+        ("[heightfield]", "[viability_thresholds]\nwalk = 1.01\n[heightfield]", "viability_thresholds.walk"),
+        ("[heightfield]", "[viability_thresholds]\ntrot = 0.9\n[heightfield]", "viability_thresholds.trot"),
         ("[heightfield]", "[deadlines]\nact_s = nan\n[heightfield]", "deadlines.act_s"),
         ("[heightfield]", "[deadlines]\npredict_s = 0.0041\n[heightfield]", "deadlines.predict_s"),
     ] {

@@ -1,6 +1,6 @@
 //! Which terrain a row gets.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fmt, str::FromStr};
 
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -53,6 +53,41 @@ impl Mixture {
     }
 }
 
+/// As [`Mixture::from_str`] reads it.
+impl fmt::Display for Mixture {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parts: Vec<String> =
+            self.0.iter().map(|(kind, weight)| format!("{}={weight}", kind.id())).collect();
+        formatter.write_str(&parts.join(","))
+    }
+}
+
+/// Terrains and their weights, such as `flat=0.1,stairs_up=0.45`; every weight is over 0 and no
+/// terrain stands twice.
+impl FromStr for Mixture {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut weights = BTreeMap::new();
+        for part in text.split(',') {
+            let (id, weight) =
+                part.split_once('=').ok_or_else(|| format!("found {part:?}, wanted TERRAIN=WEIGHT"))?;
+            let ids = TerrainKind::ALL.map(TerrainKind::id).join(" ");
+            let kind =
+                TerrainKind::from_id(id).ok_or_else(|| format!("found {id:?}, wanted one of {ids}"))?;
+            let weight = weight
+                .parse()
+                .ok()
+                .filter(|weight: &f32| weight.is_finite() && *weight > 0.0)
+                .ok_or_else(|| format!("{id}: found {weight:?}, wanted a weight over 0"))?;
+            if weights.insert(kind, weight).is_some() {
+                return Err(format!("found {id} twice, wanted one weight for it"));
+            }
+        }
+        Ok(Self(weights))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -97,5 +132,32 @@ mod tests {
         let least = sizes.iter().fold(f32::MAX, |a, b| a.min(*b));
         let greatest = sizes.iter().fold(0.0_f32, |a, b| a.max(*b));
         assert!((0.02..0.03).contains(&least) && (0.44..=0.45).contains(&greatest), "{least} {greatest}");
+    }
+
+    #[test]
+    fn a_mixture_comes_back_as_it_was_written() {
+        let mixture: Mixture = "stairs_up=3,flat=1".parse().unwrap();
+        assert_eq!(mixture.to_string(), "flat=1,stairs_up=3");
+        let of_flat =
+            (0..1000).filter(|row| mixture.draw(&mut stream(3, "terrain", &[*row])).0 == TerrainKind::Flat);
+        let share = of_flat.count() as f32 / 1000.0;
+        assert!((share - 0.25).abs() < 0.06, "{share}");
+        let default = Mixture::default();
+        assert_eq!(default.to_string().parse(), Ok(default));
+    }
+
+    #[test]
+    fn what_is_no_mixture_is_refused_with_what_is_wanted() {
+        for (text, wanted) in [
+            ("", "TERRAIN=WEIGHT"),
+            ("flat", "TERRAIN=WEIGHT"),
+            ("lava=1", "stairs_up"),
+            ("flat=0", "over 0"),
+            ("flat=NaN", "over 0"),
+            ("flat=1,flat=2", "twice"),
+        ] {
+            let error = text.parse::<Mixture>().unwrap_err();
+            assert!(error.contains(wanted), "{text}: {error}");
+        }
     }
 }

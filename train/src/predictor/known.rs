@@ -10,7 +10,7 @@ use vocaloco_core::predictor::known_terrain::{COMPONENTS, KnownTerrain};
 
 use super::kernel::FieldCells;
 use super::samples::{Part, Sample, part};
-use super::threshold::upper_bound;
+use vocaloco_sim::promise::upper_bound;
 
 /// Largest share of known terrain that may be flagged, with 95 % confidence where the rows suffice.
 pub const FALSE_FLAGS: f64 = 0.01;

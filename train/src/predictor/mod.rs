@@ -14,5 +14,4 @@ pub mod network;
 pub mod novelty;
 pub mod samples;
 pub mod sgd;
-pub mod threshold;
 pub mod training;

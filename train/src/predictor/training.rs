@@ -23,9 +23,9 @@ use super::export::{Origin, onnx, output_name};
 use super::fit::{Fitted, Options, answered, fit};
 use super::known::{self, Flags};
 use super::sgd::Head;
-use super::threshold::{Promise, Risk, promise};
 use crate::card;
 use crate::files::write_whole;
+use vocaloco_sim::promise::{Promise, Risk, promise};
 
 /// Fit a skill's two predictors to its data set.
 ///
@@ -360,15 +360,8 @@ fn print(args: &Args, reports: &[Report]) -> anyhow::Result<()> {
         if let Some(Flags { n, flagged }) = report.flags {
             println!("terrain never seen: {flagged} of {n} rows kept back are flagged");
         }
-        for Promise { risk, threshold, unsafe_rows, safe_refused, .. } in &report.promises {
-            let threshold = threshold.map_or("none".to_owned(), |threshold| format!("{threshold:.3}"));
-            println!(
-                "threshold {threshold}: at most {} of terrain viable in fewer than {} of rollouts is let \
-                 through, with 95 % confidence, from {unsafe_rows} such rows; {:.1} % of other terrain refused",
-                risk.alpha,
-                risk.required_viability,
-                100.0 * safe_refused.unwrap_or(f64::NAN)
-            );
+        for promise in &report.promises {
+            println!("{promise}");
         }
     }
     Ok(())

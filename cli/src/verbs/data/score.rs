@@ -10,6 +10,7 @@ use vocaloco_core::{
 };
 use vocaloco_sim::{
     dataset::{self, Dataset, Kind},
+    promise::{Promise, Risk, promise},
     scores,
 };
 
@@ -39,6 +40,8 @@ enum Scores {
         brier_best: Option<f64>,
         ece: f64,
         auc: Option<f64>,
+        #[serde(skip_serializing_if = "Vec::is_empty")]
+        thresholds: Vec<Promise>,
     },
     Cot {
         mae: f64,
@@ -46,9 +49,43 @@ enum Scores {
     },
 }
 
-pub(super) fn run(folder: &Path, model: &Path, shared: Shared) -> anyhow::Result<Exit> {
+/// What thresholds are computed for.
+pub(super) struct Risks {
+    pub(super) alpha: Vec<f64>,
+    pub(super) required_viability: f32,
+}
+
+impl Risks {
+    fn check(&self, kind: Kind) -> anyhow::Result<()> {
+        let shares = self.alpha.iter().map(|alpha| ("alpha", *alpha));
+        for (flag, share) in shares.chain([("required-viability", f64::from(self.required_viability))]) {
+            ensure!(share > 0.0 && share < 1.0, "--{flag}: found {share}, wanted a share over 0 and under 1");
+        }
+        ensure!(
+            self.alpha.is_empty() || kind == Kind::Viability,
+            "--alpha: found a data set of cost, wanted one of viability"
+        );
+        Ok(())
+    }
+
+    fn promises(&self, pairs: &[(f32, f32)]) -> Vec<Promise> {
+        let risk = |alpha: &f64| Risk { required_viability: self.required_viability, alpha: *alpha };
+        self.alpha.iter().map(|alpha| promise(pairs, risk(alpha))).collect()
+    }
+
+    fn words(&self) -> String {
+        if self.alpha.is_empty() {
+            return String::new();
+        }
+        let alpha: Vec<String> = self.alpha.iter().map(f64::to_string).collect();
+        format!(" --alpha {} --required-viability {}", alpha.join(","), self.required_viability)
+    }
+}
+
+pub(super) fn run(folder: &Path, model: &Path, risks: &Risks, shared: Shared) -> anyhow::Result<Exit> {
     let data = dataset::read(folder)?;
     let kind = data.meta.kind;
+    risks.check(kind)?;
     let quantity = match kind {
         Kind::Viability => Quantity::Viability,
         Kind::Cot => Quantity::Cot,
@@ -64,7 +101,12 @@ pub(super) fn run(folder: &Path, model: &Path, shared: Shared) -> anyhow::Result
     });
     let pairs = pairs.collect::<anyhow::Result<Vec<(f32, f32)>>>()?;
     let report = Report {
-        command: format!("vocaloco data score {} --model {}", folder.display(), model.display()),
+        command: format!(
+            "vocaloco data score {} --model {}{}",
+            folder.display(),
+            model.display(),
+            risks.words()
+        ),
         seed: data.meta.config.seed,
         version: env!("CARGO_PKG_VERSION"),
         model_sha256: predictor.sha256().to_owned(),
@@ -77,6 +119,7 @@ pub(super) fn run(folder: &Path, model: &Path, shared: Shared) -> anyhow::Result
                 brier_best: brier_best(&data, &rows),
                 ece: scores::ece(&pairs),
                 auc: scores::auc(&pairs),
+                thresholds: risks.promises(&pairs),
             },
             Kind::Cot => Scores::Cot { mae: scores::mae(&pairs), r2: scores::r2(&pairs) },
         },
@@ -107,7 +150,7 @@ fn brier_best(data: &Dataset, rows: &[usize]) -> Option<f64> {
 fn table(report: &Report) -> anyhow::Result<()> {
     let or_dash = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"));
     let scores = match &report.scores {
-        Scores::Viability { brier, brier_best, ece, auc } => format!(
+        Scores::Viability { brier, brier_best, ece, auc, .. } => format!(
             "Brier {brier:.4} (best possible {}), ECE {ece:.4}, AUC {}",
             or_dash(*brier_best),
             or_dash(*auc)
@@ -115,6 +158,11 @@ fn table(report: &Report) -> anyhow::Result<()> {
         Scores::Cot { mae, r2 } => format!("MAE {mae:.4}, R² {}", or_dash(*r2)),
     };
     output::line(&format!("{} rows, {} rollouts: {scores}", report.rows, report.rollouts))?;
+    if let Scores::Viability { thresholds, .. } = &report.scores {
+        for threshold in thresholds {
+            output::line(&threshold.to_string())?;
+        }
+    }
     output::line(&report.command)?;
     Ok(())
 }

@@ -6,8 +6,8 @@ use std::path::Path;
 use anyhow::{Context, bail};
 use vocaloco_core::manifest::SkillManifest;
 
-use super::super::threshold::Promise;
 use crate::files::write_whole;
+use vocaloco_sim::promise::Promise;
 
 /// Writes the threshold of `promise` into `[selection] viability_threshold` of the manifest `file`.
 ///
@@ -65,7 +65,7 @@ fn with_threshold(text: &str, threshold: f32) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::predictor::threshold::Risk;
+    use vocaloco_sim::promise::Risk;
 
     const MANIFEST: &str = "# by hand\nschema = 1\nname = \"walk\"\nsummary = \"Walks\"\nplugin = \"gait\"\n\n\
         [models]\nviability = \"viability.onnx\"\ncot = \"cot.onnx\"\n\n[selection]  # who may\n\

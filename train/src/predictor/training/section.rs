@@ -6,9 +6,9 @@ use super::super::data::DataSet;
 use super::super::fit::Fitted;
 use super::super::known::Flags;
 use super::super::sgd::Head;
-use super::super::threshold::Promise;
 use super::{Args, Report};
 use crate::card;
+use vocaloco_sim::promise::Promise;
 
 /// The section of one model, without its heading.
 pub(super) fn section(

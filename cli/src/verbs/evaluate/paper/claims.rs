@@ -58,6 +58,8 @@ pub(super) struct Evidence<'a> {
     pub(super) skills: &'a [&'a str],
     pub(super) baseline: &'a str,
     pub(super) deployment: &'a str,
+    /// The deployment whose thresholds promise something.
+    pub(super) promised: Option<&'a str>,
 }
 
 impl Evidence<'_> {
@@ -72,6 +74,7 @@ impl Evidence<'_> {
             self.stops_where_the_baseline_crashes(),
             self.at_twenty_two_centimetres(),
             self.few_crashes(),
+            self.promised_crashes(),
             self.reaches_what_is_safe(),
             self.demo_switches(),
             self.energy(),

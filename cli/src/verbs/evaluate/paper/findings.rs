@@ -91,6 +91,8 @@ pub(super) struct DangerOf {
 /// Measures what does not stand.
 pub(super) struct Measuring<'a> {
     pub(super) arena: &'a Arena,
+    /// The same skills with thresholds that promise something.
+    pub(super) promised: Option<&'a Arena>,
     pub(super) plan: &'a Plan,
     pub(super) baseline: &'a Who,
     pub(super) out: &'a Path,
@@ -121,6 +123,7 @@ impl Measuring<'_> {
                 + 3 * plan.camera_sizes_m.len()) as u64;
         skills * plan.samples * (1 + both * sizes)
             + both * sizes * selectors * plan.rollouts
+            + self.promised.map_or(0, |_| both * sizes * plan.promised_rollouts)
             + plan.mixed_sizes_m.len() as u64 * selectors * plan.rollouts
             + ablations
     }
@@ -129,7 +132,7 @@ impl Measuring<'_> {
         Ok(Findings {
             runs: self.runs()?,
             cells: self.cells()?,
-            success: self.success()?,
+            success: [self.success()?, self.promised()?].concat(),
             mixed: self.mixed()?,
             windows: self.windows()?,
             horizons: self.horizons()?,
@@ -192,6 +195,23 @@ impl Measuring<'_> {
                     let config = self.config(course, *size_m);
                     rows.push(self.row(&config, self.plan.rollouts, (&who, Variation::default()))?);
                 }
+            }
+        }
+        Ok(rows)
+    }
+
+    /// The staircases again, with thresholds that promise something.
+    fn promised(&self) -> anyhow::Result<Vec<SuccessRow>> {
+        let Some(arena) = self.promised else { return Ok(Vec::new()) };
+        let mut rows = Vec::new();
+        for course in STAIRS {
+            for size_m in &self.plan.sizes_m {
+                let config = self.config(course, *size_m);
+                self.bar.set_message(format!("{PROMISED} on {} of {size_m:.3} m", course.id()));
+                let (who, n) = ((&Who::Vocaloco, Variation::default()), self.plan.promised_rollouts);
+                let mut row = arena.row(&config, n, who, self.plan.samples, &|n| self.bar.inc(n))?;
+                PROMISED.clone_into(&mut row.selector);
+                rows.push(row);
             }
         }
         Ok(rows)
@@ -349,6 +369,9 @@ fn telling(run: &CourseRun) -> Option<&Decision> {
         None => decisions().min_by(|a, b| worth(a).total_cmp(&worth(b))),
     }
 }
+
+/// The deployment whose thresholds promise something.
+pub(super) const PROMISED: &str = "vocaloco with promised thresholds";
 
 /// The selector whose cost is the chance of failure.
 pub(super) const WITHOUT_COST: &str = "vocaloco without cost";

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, ensure};
 use serde::Serialize;
-use vocaloco_core::predictor::backend;
+use vocaloco_core::{installation::Installation, predictor::backend};
 
 use self::claims::{Claim, Evidence, Verdict};
 use self::findings::{Findings, Measuring};
@@ -46,6 +46,10 @@ pub(crate) struct Args {
     /// The end-to-end skill to compare with: it runs alone and never stops
     #[arg(long, default_value = "end_to_end", value_name = "NAME")]
     baseline: String,
+    /// Deployment of the same skills whose thresholds promise something, compared on the staircases; the
+    /// deployment's name with `_promised` behind it where there is one
+    #[arg(long, value_name = "NAME")]
+    promised: Option<String>,
     /// Folder for the page, tables, figures, logs and what was measured
     #[arg(long, default_value = "out/paper", value_name = "DIR")]
     out: PathBuf,
@@ -83,10 +87,20 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
     let store = Store::open(&args.out.join("measured"), args.fresh)?;
-    let arena = Arena::load(&args.deployment, &[&args.baseline], (store, args.threads))?;
+    let arena = Arena::load(&args.deployment, &[&args.baseline], (store.clone(), args.threads))?;
+    let promised = promised(args)?;
+    let promised_arena = promised.as_deref().map(|name| Arena::load(name, &[], (store, args.threads)));
+    let promised_arena = promised_arena.transpose()?;
     let baseline = Who::Skill(args.baseline.clone());
     let bar = progress::bar("", 0);
-    let measuring = Measuring { arena: &arena, plan: &plan, baseline: &baseline, out: &args.out, bar: &bar };
+    let measuring = Measuring {
+        arena: &arena,
+        promised: promised_arena.as_ref(),
+        plan: &plan,
+        baseline: &baseline,
+        out: &args.out,
+        bar: &bar,
+    };
     bar.set_length(measuring.pieces());
     let findings = measuring.all()?;
     bar.finish_and_clear();
@@ -100,6 +114,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         skills: &skills,
         baseline: &args.baseline,
         deployment: &args.deployment,
+        promised: promised.as_deref(),
     };
     let (claims, figures) = (evidence.claims(), figures::figures(&evidence));
     let backend = backend();
@@ -127,6 +142,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         print(&claims, &page, &command)?;
     }
     Ok(Exit::Fine)
+}
+
+/// The deployment whose thresholds promise something, if there is one.
+fn promised(args: &Args) -> anyhow::Result<Option<String>> {
+    if args.promised.is_some() {
+        return Ok(args.promised.clone());
+    }
+    let name = format!("{}_promised", args.deployment);
+    Ok(Installation::find()?.deployment_file(&name).exists().then_some(name))
 }
 
 fn write(path: &Path, text: &str) -> anyhow::Result<()> {

@@ -14,6 +14,8 @@ pub(super) struct Plan {
     pub(super) samples: u64,
     /// Rollouts a course, height and selector.
     pub(super) rollouts: u64,
+    /// The same of the deployment whose thresholds promise something: shares of 1 % take more.
+    pub(super) promised_rollouts: u64,
     /// Steps of a flight, as in the success rates.
     pub(super) steps: usize,
     /// Step heights of the course that mixes flat and stairs, m.
@@ -48,6 +50,7 @@ impl Plan {
             sizes_m: (1..=16).map(|step| step as f32 * 0.025).collect(),
             samples: 500,
             rollouts: 100,
+            promised_rollouts: 300,
             steps: 6,
             mixed_sizes_m: vec![0.05, 0.1, 0.15],
             demo_size_m: 0.12,
@@ -72,6 +75,7 @@ impl Plan {
             sizes_m: vec![0.1, 0.2, 0.3, 0.4],
             samples: 8,
             rollouts: 2,
+            promised_rollouts: 2,
             mixed_sizes_m: vec![0.1],
             windows: vec![1, 10, 20],
             window_sizes_m: vec![0.1],
@@ -89,6 +93,7 @@ impl Plan {
     pub(super) fn with_counts(mut self, rollouts: Option<u64>, samples: Option<u64>) -> Self {
         if let Some(rollouts) = rollouts {
             self.rollouts = rollouts;
+            self.promised_rollouts = self.promised_rollouts.min(3 * rollouts);
             self.ablation_rollouts = self.ablation_rollouts.min(rollouts);
         }
         self.samples = samples.unwrap_or(self.samples);

@@ -6,7 +6,7 @@ use vocaloco_sim::{
     terrain::CourseKind,
 };
 
-use super::super::findings::{STAIRS, WITHOUT_COST};
+use super::super::findings::{PROMISED, STAIRS, WITHOUT_COST};
 use super::{Claim, Evidence, Verdict, centimetres, course_words, percent};
 
 /// A course that no deployed skill reaches this often is not viable.
@@ -121,29 +121,54 @@ impl Evidence<'_> {
     }
 
     pub(super) fn few_crashes(&self) -> Claim {
-        let worst = self.vocaloco().max_by(|a, b| a.crashed.total_cmp(&b.crashed));
-        let bound = self.vocaloco().map(|row| row.crashed_high).fold(0.0, f64::max);
-        let over = self.vocaloco().filter(|row| row.crashed > CRASHED).count();
-        let ours = worst.map_or("–".to_owned(), |row| {
-            format!(
-                "most at {}: {} (95 % interval {} to {}); over 1 % at {over} heights; the largest upper bound is {}",
-                course_words(row),
-                percent(row.crashed),
-                percent(row.crashed_low),
-                percent(row.crashed_high),
-                percent(bound)
-            )
-        });
+        let rows: Vec<&SuccessRow> = self.vocaloco().collect();
         Claim {
             id: "crashes",
             words: "Crashes stay at or below 1 % at every height of both courses.".to_owned(),
             by: "our promise",
-            ours,
-            verdict: Verdict::of(worst.is_some() && over == 0),
-            why: "Judged with the thresholds of the deployment as it stands; the promise is for thresholds set at α = 0.01, and the upper bound says what this many rollouts can show.".to_owned(),
+            ours: crashes(&rows),
+            verdict: Verdict::of(!rows.is_empty() && rows.iter().all(|row| row.crashed <= CRASHED)),
+            why: "Judged with the thresholds of the deployment as it stands; the next line is of thresholds set for α = 0.01.".to_owned(),
             n: format!("{} a height", self.plan.rollouts),
             seed: self.plan.seed,
             command: self.success_of(&["vocaloco"]),
+            figure: Some("success_up"),
+        }
+    }
+
+    pub(super) fn promised_crashes(&self) -> Claim {
+        let words = "With viability thresholds promised at α = 0.01, crashes stay at or below 1 % at every height of both courses.";
+        let Some(deployment) = self.promised else {
+            let why = "There is no deployment with such thresholds.";
+            let claim = Self::unmeasured("promised_crashes", words, why, self.plan.seed);
+            return Claim { by: "our promise", ..claim };
+        };
+        let all = STAIRS.into_iter().flat_map(|course| self.findings.rows(PROMISED, course));
+        let rows: Vec<&SuccessRow> = all.collect();
+        let evidence = Evidence { deployment, ..*self };
+        let mean = |share: fn(&SuccessRow) -> f64| {
+            rows.iter().map(|row| share(row)).sum::<f64>() / rows.len().max(1) as f64
+        };
+        Claim {
+            id: "promised_crashes",
+            words: words.to_owned(),
+            by: "our promise",
+            ours: format!(
+                "{}; over all heights {} reached, {} stopped",
+                crashes(&rows),
+                percent(mean(|row| row.reached)),
+                percent(mean(|row| row.stopped))
+            ),
+            verdict: Verdict::of(!rows.is_empty() && rows.iter().all(|row| row.crashed <= CRASHED)),
+            why: "The upper bound says what this many rollouts can show. What the strictness costs is the share that stops.".to_owned(),
+            n: format!("{} a height", self.plan.promised_rollouts),
+            seed: self.plan.seed,
+            command: evidence.success_command(
+                "stairs_up,stairs_down",
+                &["vocaloco"],
+                &self.plan.sizes_m,
+                self.plan.promised_rollouts,
+            ),
             figure: Some("success_up"),
         }
     }
@@ -394,6 +419,29 @@ impl Evidence<'_> {
             figure: Some("fill"),
         }
     }
+}
+
+/// Where most crash, and what that many rollouts can show.
+fn crashes(rows: &[&SuccessRow]) -> String {
+    let bound = rows.iter().map(|row| row.crashed_high).fold(0.0, f64::max);
+    let over = rows.iter().filter(|row| row.crashed > CRASHED).count();
+    let worst = rows.iter().max_by(|a, b| a.crashed.total_cmp(&b.crashed));
+    worst.map_or("–".to_owned(), |row| {
+        format!(
+            "most at {}: {} (95 % interval {} to {}); over 1 % at {over} of {} heights; the largest upper bound is {}",
+            course_words(row),
+            tenths(row.crashed),
+            tenths(row.crashed_low),
+            tenths(row.crashed_high),
+            rows.len(),
+            tenths(bound)
+        )
+    })
+}
+
+/// A share in percent, to a tenth.
+fn tenths(share: f64) -> String {
+    format!("{:.1} %", share * 100.0)
 }
 
 /// What one threshold for all skills came to; NaN where no course is safe, or none unsafe.

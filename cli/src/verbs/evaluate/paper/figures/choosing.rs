@@ -3,7 +3,7 @@
 use vocaloco_sim::{course::SuccessRow, terrain::CourseKind};
 
 use super::super::claims::Evidence;
-use super::super::findings::{STAIRS, WITHOUT_COST};
+use super::super::findings::{PROMISED, STAIRS, WITHOUT_COST};
 use super::{cm, heights};
 use crate::report::{Axis, Figure, Ink, Key, Mark, Marker, Panel, Style};
 
@@ -70,6 +70,7 @@ pub(super) fn success(evidence: &Evidence<'_>) -> Vec<Figure> {
                 name if name == evidence.baseline_name() => format!("{} (baseline, alone)", shown(name)),
                 "oracle" => "oracle (knows what was collected)".to_owned(),
                 "vocaloco" => "VOCALoco".to_owned(),
+                PROMISED => format!("VOCALoco, α = 0.01, n = {}", evidence.plan.promised_rollouts),
                 name => format!("{} alone", shown(name)),
             },
             x: heights(sizes_m),

@@ -1,6 +1,8 @@
 //! Viability thresholds that promise something: how much of the terrain on which a skill fails is let
 //! through, bounded from rows that neither trained the predictor nor chose its epoch.
 
+use std::fmt;
+
 use serde::Serialize;
 
 /// Chance that a promise does not hold, over draws of the rows it is computed from.
@@ -32,6 +34,21 @@ pub struct Promise {
     pub upper_bound: Option<f64>,
     /// Share of the other rows that the threshold refuses.
     pub safe_refused: Option<f64>,
+}
+
+impl fmt::Display for Promise {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { risk, threshold, unsafe_rows, safe_refused, .. } = self;
+        let threshold = threshold.map_or("none".to_owned(), |threshold| format!("{threshold:.3}"));
+        write!(
+            formatter,
+            "threshold {threshold}: at most {} of terrain viable in fewer than {} of rollouts is let through, \
+             with 95 % confidence, from {unsafe_rows} such rows; {:.1} % of other terrain refused",
+            risk.alpha,
+            risk.required_viability,
+            100.0 * safe_refused.unwrap_or(f64::NAN)
+        )
+    }
 }
 
 /// The least threshold of 1, 0.999, 0.998 … at which, with 95 % confidence,
@@ -115,8 +132,8 @@ fn binomial_cdf(k: usize, n: usize, p: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stream::stream;
     use rand::RngExt;
-    use vocaloco_sim::stream::stream;
 
     const RISK: Risk = Risk { required_viability: 0.5, alpha: 0.05 };
 
