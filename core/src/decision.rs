@@ -158,10 +158,14 @@ impl Decision {
             (Choice::Skill(chosen), active) => active != Active::Skill(chosen),
         };
         let (run, wanted) = filter.agreement();
-        if waits {
+        let steady = filter.steady().filter(|(skill, _)| run < wanted && active == Active::Skill(*skill));
+        if let Some((_, ticks)) = steady {
+            let takes_over =
+                if waits { format_args!("{} takes over, ", self.active) } else { format_args!("") };
+            let _ =
+                write!(words, "; {takes_over}viable for {ticks} ticks in a row while the winners alternated");
+        } else if waits {
             let _ = write!(words, "; {} of {wanted} ticks in a row, {} goes on", run, self.active);
-        } else if let Some((_, ticks)) = filter.steady().filter(|_| run < wanted) {
-            let _ = write!(words, "; viable for {ticks} ticks in a row while the winners alternated");
         }
         self.reason = words;
     }

@@ -36,7 +36,8 @@ pub struct SwitchFilter {
     last: Option<Choice>,
     run: usize,
     unviable: usize,
-    /// While it stands: a skill that won and has been viable since, and for how many ticks.
+    /// While it stands or the active skill is unviable: one that won and has been viable since, and for how
+    /// many ticks.
     steady: Option<(usize, usize)>,
 }
 
@@ -71,7 +72,8 @@ impl SwitchFilter {
         (self.run, wanted)
     }
 
-    /// The skill that won while it stood and has been viable since, and for how many ticks; none once it walks.
+    /// The skill that won while it stood, or while the active one was unviable, and has been viable since; and
+    /// for how many ticks.
     pub const fn steady(&self) -> Option<(usize, usize)> {
         self.steady
     }
@@ -79,9 +81,10 @@ impl SwitchFilter {
     /// One tick: the selector's choice, and which skills are viable.
     ///
     /// # Source
-    /// Wu et al. (2025), selection step 5. Our own: that an active skill unviable for the stop window stops
-    /// whatever the choices do, the resume window, and that winners who alternate while it stands do not hold it
-    /// for ever: it leaves with one that has been viable for twice the window.
+    /// Wu et al. (2025), selection step 5. Our own: that an active skill unviable for the stop window is left
+    /// whatever the choices do, for a winner that has been viable for half the switch window, else for the stand;
+    /// the resume window; and that winners who alternate while it stands do not hold it for ever: it leaves with
+    /// one that has been viable for twice the window.
     pub fn step(&mut self, choice: Choice, is_viable: impl Fn(usize) -> bool) -> Active {
         self.run = if self.last == Some(choice) { self.run.saturating_add(1) } else { 1 };
         self.last = Some(choice);
@@ -89,31 +92,40 @@ impl SwitchFilter {
             Active::Skill(active) if !is_viable(active) => self.unviable + 1,
             _ => 0,
         };
-        self.steady = match (self.active, choice, self.steady) {
-            (Active::Stand, Choice::Skill(_), Some((skill, ticks))) if is_viable(skill) => {
+        let looks_for_another = self.active == Active::Stand || self.unviable > 0;
+        self.steady = match (choice, self.steady) {
+            (Choice::Skill(_), Some((skill, ticks))) if looks_for_another && is_viable(skill) => {
                 Some((skill, ticks.saturating_add(1)))
             }
-            (Active::Stand, Choice::Skill(winner), _) => Some((winner, 1)),
+            (Choice::Skill(winner), _) if looks_for_another => Some((winner, 1)),
             _ => None,
         };
         let (run, wanted) = self.agreement();
         match choice {
             Choice::Stop if run >= wanted => self.stop(),
-            Choice::Skill(skill) if run >= wanted || self.is_steady(skill, 2 * wanted) => {
-                if self.active != Active::Skill(skill) {
-                    self.unviable = 0;
-                }
-                self.active = Active::Skill(skill);
-                self.stopped = false;
+            Choice::Skill(skill) if run >= wanted || self.may_leave_the_stand(skill, 2 * wanted) => {
+                self.take(skill)
             }
-            _ if self.unviable >= self.windows.stop => self.stop(),
+            _ if self.unviable >= self.windows.stop => match self.steady {
+                Some((skill, ticks)) if 2 * ticks >= self.windows.switch => self.take(skill),
+                _ => self.stop(),
+            },
             _ => {}
         }
         self.active
     }
 
-    fn is_steady(&self, skill: usize, wanted: usize) -> bool {
-        self.steady.is_some_and(|(steady, ticks)| steady == skill && ticks >= wanted)
+    fn take(&mut self, skill: usize) {
+        if self.active != Active::Skill(skill) {
+            self.unviable = 0;
+        }
+        self.active = Active::Skill(skill);
+        self.stopped = false;
+    }
+
+    fn may_leave_the_stand(&self, skill: usize, wanted: usize) -> bool {
+        self.active == Active::Stand
+            && self.steady.is_some_and(|(steady, ticks)| steady == skill && ticks >= wanted)
     }
 
     /// Other skills from now on. A choice of one that is gone counts no more; when it is the active one, it
@@ -230,6 +242,31 @@ mod tests {
         }
         assert_eq!(filter.step(ASCEND, |_| false), Active::Stand);
         assert!(filter.is_stopped());
+    }
+
+    #[test]
+    fn alternating_winners_hand_over_to_the_one_that_is_viable_throughout() {
+        let mut filter = walking(10);
+        for tick in 1..10 {
+            // Ascend is cheaper and viable now and then; descend always is.
+            let choice = if tick % 3 == 1 { ASCEND } else { DESCEND };
+            let active = filter.step(choice, |skill| skill == 2 || skill == 1 && tick % 3 == 1);
+            assert_eq!(active, Active::Skill(0), "tick {tick}");
+        }
+        assert_eq!(filter.step(ASCEND, |skill| skill != 0), Active::Skill(2), "not a stop on the stairs");
+        assert!(!filter.is_stopped());
+    }
+
+    #[test]
+    fn a_winner_of_the_last_moment_does_not_save_from_a_stop() {
+        let mut filter = walking(10);
+        for _ in 1..7 {
+            filter.step(Choice::Stop, |_| false);
+        }
+        for _ in 7..10 {
+            assert_eq!(filter.step(ASCEND, |skill| skill == 1), Active::Skill(0));
+        }
+        assert_eq!(filter.step(ASCEND, |skill| skill == 1), Active::Stand);
     }
 
     #[test]

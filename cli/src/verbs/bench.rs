@@ -2,7 +2,6 @@
 
 mod approach;
 mod hot_add;
-mod policy;
 #[cfg(feature = "sim")]
 mod rollouts;
 #[cfg(feature = "sim")]
@@ -10,8 +9,8 @@ mod soak;
 mod tick;
 mod tick_parts;
 mod tick_peer;
-mod train;
 
+use super::learning;
 use crate::exit::Exit;
 
 /// Measure speed: of the loop that a robot runs, of collection, of training; and how the loop lasts.
@@ -31,10 +30,12 @@ enum What {
     HotAdd(hot_add::Args),
     #[cfg(feature = "sim")]
     Rollouts(rollouts::Args),
-    Policy(policy::Args),
+    /// Policy steps a second in training: physics alone, the environment, the whole loop of PPO
+    Policy(learning::Args),
     #[cfg(feature = "sim")]
     Soak(soak::Args),
-    Train(train::Args),
+    /// Samples a second in which a predictor is fitted, beside PyTorch on the same data and start
+    Train(learning::Args),
 }
 
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
@@ -45,7 +46,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         What::Rollouts(args) => rollouts::run(&args),
         #[cfg(feature = "sim")]
         What::Soak(args) => soak::run(&args),
-        What::Policy(_) => policy::run(),
-        What::Train(_) => train::run(),
+        What::Policy(_) => learning::hand_over("policy", "bench-policy"),
+        What::Train(_) => learning::hand_over("train", "bench-train"),
     }
 }

@@ -9,7 +9,6 @@ mod calibration_page;
 mod cells;
 mod course;
 mod handover;
-mod novelty;
 mod paper;
 mod store;
 mod success;
@@ -20,6 +19,7 @@ mod who;
 
 pub(super) use viability::parse_terrain;
 
+use super::learning;
 use crate::exit::Exit;
 
 #[derive(clap::Args)]
@@ -37,7 +37,7 @@ enum Experiment {
     /// Predicted against collected viability and cost of transport, by size
     Calibration(calibration::Args),
     /// Terrain that the predictors never saw: what the check finds of it, and of known terrain
-    Novelty(novelty::Args),
+    Novelty(learning::Args),
     /// Courses by step height, with several selectors side by side
     Success(success::Args),
     /// Courses driven once, every tick kept: predictions, choice and active skill over time
@@ -57,7 +57,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         Experiment::Viability(args) => viability::run(&args),
         Experiment::Agreement(args) => agreement::run(&args),
         Experiment::Calibration(args) => calibration::run(&args),
-        Experiment::Novelty(_) => novelty::run(),
+        Experiment::Novelty(_) => learning::hand_over("novelty", "novelty"),
         Experiment::Success(args) => success::run(&args),
         Experiment::Course(args) => course::run(&args),
         Experiment::All(args) => paper::run(&args),

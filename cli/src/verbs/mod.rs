@@ -13,6 +13,7 @@ mod demo;
 #[cfg(feature = "sim")]
 mod evaluate;
 mod explain;
+mod learning;
 mod lock;
 #[cfg(feature = "sim")]
 mod look;
@@ -21,8 +22,6 @@ mod plugin_host;
 mod rolled;
 mod run;
 mod skills;
-mod train;
-mod train_policy;
 
 use clap::Subcommand;
 
@@ -53,9 +52,9 @@ pub(crate) enum Verb {
     #[cfg(feature = "sim")]
     Data(data::Args),
     /// Fit a skill's two predictors to its data set
-    Train(train::Args),
-    /// Find a policy's parameters in the simulator
-    TrainPolicy(train_policy::Args),
+    Train(learning::Args),
+    /// Train a skill's policy in the simulator: imitation and PPO, or CMA-ES
+    TrainPolicy(learning::Args),
     /// Measure a skill or the selector by the protocol
     #[cfg(feature = "sim")]
     Evaluate(evaluate::Args),
@@ -85,8 +84,8 @@ impl Verb {
             Self::Collect(args) => collect::run(args),
             #[cfg(feature = "sim")]
             Self::Data(args) => data::run(args),
-            Self::Train(args) => train::run(args),
-            Self::TrainPolicy(args) => train_policy::run(args),
+            Self::Train(_) => learning::hand_over("train", "train"),
+            Self::TrainPolicy(_) => learning::hand_over("train-policy", "train-policy"),
             #[cfg(feature = "sim")]
             Self::Evaluate(args) => evaluate::run(args),
             Self::Bench(args) => bench::run(args),

@@ -16,6 +16,20 @@ pub fn give_way() {
     }
 }
 
+/// Keeps what skills that come and go leave behind from piling up: blocks of 128 KiB and more go back to the
+/// system when they are freed, in this whole process, from now on.
+///
+/// glibc raises that size whenever such a block is freed, up to 32 MiB; the next networks then lie between what
+/// stays, and the heap grows with every change of skills (docs/safety.md, Soak). Other allocators are left alone.
+#[cfg_attr(target_os = "linux", allow(unsafe_code, reason = "the allocator is reached through C alone"))]
+pub(super) fn return_large_blocks() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    // SAFETY: `mallopt` takes two integers and may be called at any time.
+    unsafe {
+        libc::mallopt(libc::M_MMAP_THRESHOLD, 128 << 10);
+    }
+}
+
 #[cfg(test)]
 #[cfg(target_os = "linux")]
 mod tests {

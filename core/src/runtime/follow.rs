@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::time::{Duration, SystemTime};
 
-use super::{Pace, Place, Roster, Skill, Supervision, give_way};
+use super::{Pace, Place, Roster, Skill, Supervision, background::return_large_blocks, give_way};
 use crate::installation::Installation;
 use crate::lock::{Intake, Lock, PublicKey};
 use crate::manifest::{Deployment, Finding, SkillManifest};
@@ -169,6 +169,7 @@ impl Watch {
         running: impl IntoIterator<Item = String>,
         supervision: Option<Supervision>,
     ) -> Self {
+        return_large_blocks();
         let running = running.into_iter().collect();
         let judged = followed.seen.skills.clone();
         Self { followed, deployment, robot, running, judged, supervision, settling: None }

@@ -40,6 +40,8 @@ enum Scores {
         brier_best: Option<f64>,
         ece: f64,
         auc: Option<f64>,
+        /// What one that knows every field's collected share would score on the very rollouts that make it up.
+        auc_most: Option<f64>,
         #[serde(skip_serializing_if = "Vec::is_empty")]
         thresholds: Vec<Promise>,
     },
@@ -83,6 +85,16 @@ impl Risks {
 }
 
 pub(super) fn run(folder: &Path, model: &Path, risks: &Risks, shared: Shared) -> anyhow::Result<Exit> {
+    let report = scored(folder, model, risks)?;
+    if shared.json {
+        output::json(&report)?;
+    } else {
+        table(&report)?;
+    }
+    Ok(Exit::Fine)
+}
+
+fn scored(folder: &Path, model: &Path, risks: &Risks) -> anyhow::Result<Report> {
     let data = dataset::read(folder)?;
     let kind = data.meta.kind;
     risks.check(kind)?;
@@ -100,7 +112,7 @@ pub(super) fn run(folder: &Path, model: &Path, risks: &Risks, shared: Shared) ->
         Ok((predicted, data.labels[*row]))
     });
     let pairs = pairs.collect::<anyhow::Result<Vec<(f32, f32)>>>()?;
-    let report = Report {
+    Ok(Report {
         command: format!(
             "vocaloco data score {} --model {}{}",
             folder.display(),
@@ -119,17 +131,12 @@ pub(super) fn run(folder: &Path, model: &Path, risks: &Risks, shared: Shared) ->
                 brier_best: brier_best(&data, &rows),
                 ece: scores::ece(&pairs),
                 auc: scores::auc(&pairs),
+                auc_most: auc_most(&data, &rows),
                 thresholds: risks.promises(&pairs),
             },
             Kind::Cot => Scores::Cot { mae: scores::mae(&pairs), r2: scores::r2(&pairs) },
         },
-    };
-    if shared.json {
-        output::json(&report)?;
-    } else {
-        table(&report)?;
-    }
-    Ok(Exit::Fine)
+    })
 }
 
 /// The Brier score that the chance in the rollouts leaves to the best predictor: the mean variance of an
@@ -147,13 +154,22 @@ fn brier_best(data: &Dataset, rows: &[usize]) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
+/// The area under the curve that the best predictor stays below, from rows of two rollouts and more. A
+/// row's share of few rollouts lies further out than its viability, so that it is somewhat too high.
+fn auc_most(data: &Dataset, rows: &[usize]) -> Option<f64> {
+    let several = rows.iter().filter(|row| data.rollouts[**row] > 1);
+    let known: Vec<(f32, f32)> = several.map(|row| (data.labels[*row], data.labels[*row])).collect();
+    scores::auc(&known)
+}
+
 fn table(report: &Report) -> anyhow::Result<()> {
     let or_dash = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.4}"));
     let scores = match &report.scores {
-        Scores::Viability { brier, brier_best, ece, auc, .. } => format!(
-            "Brier {brier:.4} (best possible {}), ECE {ece:.4}, AUC {}",
+        Scores::Viability { brier, brier_best, ece, auc, auc_most, .. } => format!(
+            "Brier {brier:.4} (best possible {}), ECE {ece:.4}, AUC {} (at most {})",
             or_dash(*brier_best),
-            or_dash(*auc)
+            or_dash(*auc),
+            or_dash(*auc_most)
         ),
         Scores::Cot { mae, r2 } => format!("MAE {mae:.4}, R² {}", or_dash(*r2)),
     };
@@ -165,4 +181,43 @@ fn table(report: &Report) -> anyhow::Result<()> {
     }
     output::line(&report.command)?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of_the_slice(kind: &str, alpha: &[f64]) -> anyhow::Result<Report> {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+        let (data, model) =
+            (root.join("tests/data/walk").join(kind), root.join(format!("skills/walk/{kind}.onnx")));
+        scored(&data, &model, &Risks { alpha: alpha.to_vec(), required_viability: 0.5 })
+    }
+
+    #[test]
+    fn a_shipped_model_is_scored_below_what_chance_allows() {
+        let report = of_the_slice("viability", &[0.1, 0.3]).unwrap();
+        let Scores::Viability { brier, brier_best, auc, auc_most, thresholds, .. } = &report.scores else {
+            panic!("viability")
+        };
+        assert!((report.rows, report.rollouts) == (256, 2560), "{} {}", report.rows, report.rollouts);
+        assert!(brier_best.unwrap() < *brier && *brier < 0.1, "{brier_best:?} {brier}");
+        assert!(auc.unwrap() < auc_most.unwrap() && auc.unwrap() > 0.9, "{auc:?} {auc_most:?}");
+        let [strict, loose] = thresholds.as_slice() else { panic!("{thresholds:?}") };
+        assert!(loose.threshold.unwrap() <= strict.threshold.unwrap(), "{thresholds:?}");
+        for promise in thresholds {
+            assert!(promise.upper_bound.unwrap() <= promise.risk.alpha, "{promise:?}");
+        }
+        let again = "--alpha 0.1,0.3 --required-viability 0.5";
+        assert!(report.command.contains(again), "{}", report.command);
+    }
+
+    #[test]
+    fn a_cost_has_no_thresholds_and_a_share_lies_between_0_and_1() {
+        assert!(of_the_slice("cot", &[]).is_ok());
+        for (kind, alpha) in [("cot", 0.05), ("viability", 0.0), ("viability", f64::NAN)] {
+            let error = of_the_slice(kind, &[alpha]).err().expect("refused").to_string();
+            assert!(error.contains("--alpha") && error.contains("wanted"), "{error}");
+        }
+    }
 }

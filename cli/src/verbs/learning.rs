@@ -1,5 +1,5 @@
-//! `train`: hands over to `vocaloco-train`, the binary beside this one, as cargo runs its
-//! subcommands, so that nothing of learning is compiled into what a robot runs.
+//! Verbs of learning: they are handed over to `vocaloco-train`, the binary beside this one, as cargo runs
+//! its subcommands, so that nothing of learning is compiled into what a robot runs.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -10,19 +10,14 @@ use anyhow::{Context, bail};
 use super::Shared;
 use crate::exit::Exit;
 
-/// Fit a skill's two predictors to its data set.
 #[derive(clap::Args)]
 #[command(disable_help_flag = true)]
 pub(crate) struct Args {
     #[command(flatten)]
     _shared: Shared,
-    /// Passed on to `vocaloco-train train`; `--help` lists them
+    /// Passed on to `vocaloco-train`; `--help` lists them
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "ARGUMENTS")]
     _passed_on: Vec<OsString>,
-}
-
-pub(crate) fn run(_args: Args) -> anyhow::Result<Exit> {
-    hand_over("train", "train")
 }
 
 /// Runs `vocaloco-train VERB …` with the arguments that followed the word `typed` here, and ends as it
