@@ -16,6 +16,7 @@ use vocaloco_sim::{
     terrain::TerrainKind,
 };
 use vocaloco_tests::{plugin_folder, repository, shipped};
+use vocaloco_train::policy_learning::run::load_expert;
 
 fn robot() -> Arc<RobotModel> {
     Arc::new(RobotModel::load(&shipped().robots_folder(), "anymal_d").expect("the shipped robot"))
@@ -45,6 +46,19 @@ fn ground() -> &'static Arc<TrainingGround> {
         let experts = BTreeMap::from([("walk".to_owned(), walk)]);
         Arc::new(TrainingGround::new(config, &robot, &experts, 3).expect("a sound configuration"))
     })
+}
+
+#[test]
+fn an_expert_is_a_structured_controller_with_other_parameters_or_a_network_as_it_is() {
+    let (installation, robot) = (shipped(), robot());
+    let no_hurry = BTreeMap::from([("hurry".to_owned(), 0.0)]);
+    for name in ["ascend", "ascend_network"] {
+        let expert = load_expert(&installation, &robot, name, &no_hurry).expect("a sound expert");
+        assert!(expert.instance(Some(0.25), &robot).is_ok(), "{name}");
+    }
+    let wrong = BTreeMap::from([("haste".to_owned(), 0.0)]);
+    let error = format!("{:#}", load_expert(&installation, &robot, "ascend", &wrong).expect_err("refused"));
+    assert!(error.contains("haste") && error.contains("gait.toml"), "{error}");
 }
 
 /// An environment at the start of an episode of full length.

@@ -104,7 +104,7 @@ impl SwitchFilter {
         match choice {
             Choice::Stop if run >= wanted => self.stop(),
             Choice::Skill(skill) if run >= wanted || self.may_leave_the_stand(skill, 2 * wanted) => {
-                self.take(skill)
+                self.take(skill);
             }
             _ if self.unviable >= self.windows.stop => match self.steady {
                 Some((skill, ticks)) if 2 * ticks >= self.windows.switch => self.take(skill),

@@ -53,7 +53,7 @@ pub(crate) struct Args {
     /// Uniform noise on every height that the plugin sees, ± metres
     #[arg(long, default_value_t = 0.02, value_name = "M")]
     patch_noise_m: f32,
-    /// Terrains and their weights, such as flat=0.1,stairs_up=0.45; what the method trains on unless given
+    /// Terrains and their weights, such as `flat=0.1,stairs_up=0.45`; what the method trains on unless given
     #[arg(long, value_name = "LIST")]
     mixture: Option<Mixture>,
     /// Robot to roll out

@@ -34,8 +34,8 @@ pub struct EnvironmentConfig {
     pub terrain: Vec<TerrainShare>,
     /// Skill whose plugin says what to do on a terrain, for imitation.
     pub experts: BTreeMap<TerrainKind, String>,
-    /// Parameters of all experts that take other values here than in their own files: what a network
-    /// without memory cannot see, such as a cycle that hurries, is switched off.
+    /// Parameters of all structured experts that take other values here than in their own files: what a
+    /// network without memory cannot see, such as a cycle that hurries, is switched off.
     pub expert_parameters: BTreeMap<String, f64>,
     /// Poses.
     pub spawn: SpawnRules,

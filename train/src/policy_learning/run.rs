@@ -8,7 +8,7 @@ use std::sync::Arc;
 use anyhow::{Context, anyhow, ensure};
 use serde_json::json;
 use vocaloco_core::{
-    installation::Installation, manifest::SkillManifest, robot::RobotModel, target::TargetRule,
+    installation::Installation, manifest::SkillManifest, registry, robot::RobotModel, target::TargetRule,
 };
 use vocaloco_sim::environment::{Environment, EnvironmentConfig, TargetRules, TrainingGround};
 use vocaloco_sim::identity::sha256_hex;
@@ -108,7 +108,28 @@ pub(super) fn load_experts(
 ) -> anyhow::Result<BTreeMap<String, RolledSkill>> {
     let names = config.environment.experts.values();
     let changed = &config.environment.expert_parameters;
-    names.map(|name| Ok((name.clone(), load_skill(installation, robot, name, changed)?))).collect()
+    names.map(|name| Ok((name.clone(), load_expert(installation, robot, name, changed)?))).collect()
+}
+
+/// A skill as an expert: a structured controller with other values for the parameters in `changed`, a
+/// network as it is.
+///
+/// # Errors
+/// It cannot be rolled out, or has no parameter of a changed name.
+pub fn load_expert(
+    installation: &Installation,
+    robot: &RobotModel,
+    name: &str,
+    changed: &BTreeMap<String, f64>,
+) -> anyhow::Result<RolledSkill> {
+    let manifest =
+        SkillManifest::read(&installation.skill_file(name)).map_err(|finding| anyhow!("{finding}"))?;
+    if manifest.models.parameters.is_some() {
+        return load_skill(installation, robot, name, changed);
+    }
+    let loaded =
+        registry::load_skill(installation, name, &robot.description, registry::ModelPolicy::Optional)?;
+    Ok(RolledSkill::from_loaded(&loaded, robot)?)
 }
 
 impl Options {
