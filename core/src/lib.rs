@@ -20,6 +20,7 @@ pub mod replay;
 pub mod robot;
 pub mod runtime;
 pub mod selector;
+pub mod simd;
 pub mod staging;
 pub mod stand;
 pub mod stdio;

@@ -5,7 +5,7 @@
     reason = "vector instructions are only made inside the function that asks for them"
 )]
 
-use crate::predictor::simd::{self, Job, Simd};
+use crate::simd::{self, Job, Simd};
 
 /// Outputs of a block; the last one is filled up with zeros.
 const LANES: usize = 32;

@@ -12,8 +12,8 @@
 use std::fmt::Write;
 
 use super::guard::Fault;
-use super::simd::{self, Job, Simd};
 use crate::heightfield::{CELLS, COLUMNS, Field, ROWS};
+use crate::simd::{self, Job, Simd};
 
 /// Directions in which the fitted fields differ most.
 pub const COMPONENTS: usize = 16;

@@ -12,7 +12,6 @@ pub mod known_terrain;
 #[cfg(test)]
 pub(crate) mod network;
 pub(crate) mod run;
-pub(crate) mod simd;
 #[cfg(test)]
 mod tests;
 

@@ -1,18 +1,23 @@
 //! One step of stochastic gradient descent with momentum, on a batch split in a fixed way.
 //!
-//! A batch becomes groups of eight samples, the groups up to four chunks, each summed by one thread,
-//! and the chunks are added in order: the number of threads cannot change a bit.
+//! Tiles of a batch, each computed by one thread, leave what its gradient is summed from; the sums have one
+//! order, whoever computes them: the number of threads cannot change a bit.
+
+use std::ops::Range;
 
 use rayon::prelude::*;
+use vocaloco_core::simd::on_widest;
 
-use super::kernel::{FieldCells, LANES, Workspace};
-use super::network::PARAMETERS;
-
-/// Parts of a batch that may be computed at the same time.
-const CHUNKS: usize = 4;
+use super::kernel::{
+    Backward, CONVOLUTIONS, FieldCells, Forward, GROUP, LANES, Layer, LinearGradient, PARTS, Rows, Workspace,
+};
+use super::network::{PARAMETERS, TENSORS};
 
 /// Parameters that one thread moves at a time.
 const STRETCH: usize = 8192;
+
+/// Outputs of a layer whose weights one thread sums the gradient of at a time.
+const OUTPUTS: usize = 16;
 
 /// A sample in a batch.
 #[derive(Debug, Clone, Copy)]
@@ -61,23 +66,28 @@ pub struct Rate {
     pub momentum: f32,
 }
 
-/// The descent's state: the velocity, and the space that each chunk works in.
+/// The descent's state: the velocity, and the space to work in.
 pub struct Sgd {
     velocity: Vec<f32>,
-    chunks: Vec<Chunk>,
+    gradient: Vec<f32>,
+    tiles: Vec<Tile>,
+    rows: Rows,
 }
 
-struct Chunk {
+#[derive(Default)]
+struct Tile {
     workspace: Workspace,
-    gradient: Vec<f32>,
-    squared_error: f64,
+    squared_errors: [f64; LANES],
 }
 
 impl Default for Sgd {
     fn default() -> Self {
-        let chunk =
-            || Chunk { workspace: Workspace::default(), gradient: vec![0.0; PARAMETERS], squared_error: 0.0 };
-        Self { velocity: vec![0.0; PARAMETERS], chunks: (0..CHUNKS).map(|_| chunk()).collect() }
+        Self {
+            velocity: vec![0.0; PARAMETERS],
+            gradient: vec![0.0; PARAMETERS],
+            tiles: Vec::new(),
+            rows: Rows::default(),
+        }
     }
 }
 
@@ -90,50 +100,101 @@ impl Sgd {
     ///
     /// Returns `Σ (answer − label)²` as it was before the step. Runs on the rayon pool it is called in.
     pub fn step(&mut self, parameters: &mut [f32], head: Head, batch: &[Example<'_>], rate: Rate) -> f64 {
-        self.sum_gradient(parameters, head, batch);
-        let gradients: [&[f32]; CHUNKS] = std::array::from_fn(|chunk| self.chunks[chunk].gradient.as_slice());
-        parameters.par_chunks_mut(STRETCH).zip(self.velocity.par_chunks_mut(STRETCH)).enumerate().for_each(
-            |(stretch, (parameters, velocity))| {
-                let [a, b, c, d] = gradients.map(|g| &g[stretch * STRETCH..][..parameters.len()]);
-                for (at, (p, v)) in parameters.iter_mut().zip(velocity).enumerate() {
-                    *v = rate.momentum * *v + ((a[at] + b[at]) + (c[at] + d[at]));
-                    *p -= rate.learning_rate * *v;
-                }
-            },
-        );
-        self.chunks.iter().map(|chunk| chunk.squared_error).sum()
+        let squared_error = self.sum_gradient(parameters, head, batch);
+        let moved = parameters.par_chunks_mut(STRETCH).zip(self.velocity.par_chunks_mut(STRETCH));
+        moved.zip(self.gradient.par_chunks(STRETCH)).for_each(|((parameters, velocity), gradient)| {
+            for ((p, v), g) in parameters.iter_mut().zip(velocity).zip(gradient) {
+                *v = rate.momentum * *v + g;
+                *p -= rate.learning_rate * *v;
+            }
+        });
+        squared_error
     }
 
     /// The gradient `g` of [`step`](Self::step), which it would follow.
     pub fn gradient(&mut self, parameters: &[f32], head: Head, batch: &[Example<'_>]) -> Vec<f32> {
         self.sum_gradient(parameters, head, batch);
-        let [a, b, c, d]: [&[f32]; CHUNKS] =
-            std::array::from_fn(|chunk| self.chunks[chunk].gradient.as_slice());
-        (0..PARAMETERS).map(|at| (a[at] + b[at]) + (c[at] + d[at])).collect()
+        self.gradient.clone()
     }
 
-    fn sum_gradient(&mut self, parameters: &[f32], head: Head, batch: &[Example<'_>]) {
-        let groups: Vec<_> = batch.chunks(LANES).collect();
+    /// Sets `gradient`; the sum of squared errors.
+    fn sum_gradient(&mut self, parameters: &[f32], head: Head, batch: &[Example<'_>]) -> f64 {
+        let tiles = batch.len().div_ceil(LANES);
+        if self.tiles.len() < tiles {
+            self.tiles.resize_with(tiles, Tile::default);
+        }
         let scale = 2.0 / batch.len() as f32;
-        self.chunks.par_iter_mut().enumerate().for_each(|(at, chunk)| {
-            chunk.gradient.fill(0.0);
-            chunk.squared_error = 0.0;
-            for group in &groups[at * groups.len() / CHUNKS..(at + 1) * groups.len() / CHUNKS] {
-                for (lane, example) in group.iter().enumerate() {
-                    chunk.workspace.load(lane, example.field, example.mirrored);
-                }
-                let outputs = chunk.workspace.forward(parameters);
-                let mut d_output = [0.0; LANES];
-                for ((d_output, x), example) in d_output.iter_mut().zip(outputs).zip(*group) {
-                    let answer = head.answer(x);
-                    let error = answer - example.label;
-                    *d_output = scale * error * head.slope(answer);
-                    chunk.squared_error += f64::from(error) * f64::from(error);
-                }
-                chunk.workspace.backward(parameters, d_output, &mut chunk.gradient);
+        let rows = self.rows.tiles(tiles);
+        let work = self.tiles.par_iter_mut().zip(batch.par_chunks(LANES)).zip(rows);
+        work.for_each(|((tile, examples), rows)| {
+            let workspace = &mut tile.workspace;
+            for (lane, example) in examples.iter().enumerate() {
+                workspace.load(lane, example.field, example.mirrored);
             }
+            let outputs = on_widest(Forward { workspace, parameters });
+            let mut d_output = [0.0; LANES];
+            tile.squared_errors = [0.0; LANES];
+            for (lane, (x, example)) in outputs.iter().zip(examples).enumerate() {
+                let answer = head.answer(*x);
+                let error = answer - example.label;
+                d_output[lane] = scale * error * head.slope(answer);
+                tile.squared_errors[lane] = f64::from(error) * f64::from(error);
+            }
+            on_widest(Backward { workspace: &mut tile.workspace, parameters, d_output, rows });
         });
+
+        let parts = parts(batch.len());
+        self.sum_convolutions(&parts);
+        let Self { gradient, rows, .. } = self;
+        let mut rest = &mut gradient[CONVOLUTIONS..];
+        let mut jobs = Vec::new();
+        for (at, layer) in Layer::ALL.into_iter().enumerate() {
+            let [weights, biases] = [TENSORS[6 + 2 * at], TENSORS[7 + 2 * at]];
+            let (weights, behind) = std::mem::take(&mut rest).split_at_mut(weights.len());
+            let (biases, behind) = behind.split_at_mut(biases.len());
+            rest = behind;
+            rows.bias_gradient(&parts, layer, biases);
+            let stripes = weights.chunks_mut(OUTPUTS * layer.inputs()).enumerate();
+            jobs.extend(stripes.map(|(stripe, weights)| LinearGradient {
+                rows,
+                parts: &parts,
+                layer,
+                first: stripe * OUTPUTS,
+                weights,
+            }));
+        }
+        jobs.into_par_iter().for_each(on_widest);
+
+        let errors = self.tiles[..tiles].iter().flat_map(|tile| &tile.squared_errors);
+        let errors: Vec<f64> = errors.copied().collect();
+        parts.iter().map(|samples| errors[samples.clone()].iter().sum::<f64>()).sum()
     }
+
+    /// The convolutions' part of the gradient: group after group, then the parts in pairs.
+    fn sum_convolutions(&mut self, parts: &[Range<usize>; PARTS]) {
+        let groups: Vec<&[f32]> =
+            self.tiles.iter().flat_map(|tile| tile.workspace.gradients()).map(Vec::as_slice).collect();
+        let of_parts = parts.each_ref().map(|samples| {
+            let mut sum = [0.0; CONVOLUTIONS];
+            for group in &groups[samples.start.div_ceil(GROUP)..samples.end.div_ceil(GROUP)] {
+                for (sum, g) in sum.iter_mut().zip(*group) {
+                    *sum += g;
+                }
+            }
+            sum
+        });
+        let [a, b, c, d] = &of_parts;
+        for (at, g) in self.gradient[..CONVOLUTIONS].iter_mut().enumerate() {
+            *g = (a[at] + b[at]) + (c[at] + d[at]);
+        }
+    }
+}
+
+/// Samples of each part of a batch: whole groups, as evenly as they go.
+fn parts(samples: usize) -> [Range<usize>; PARTS] {
+    let groups = samples.div_ceil(GROUP);
+    let bound = |part: usize| (part * groups / PARTS * GROUP).min(samples);
+    std::array::from_fn(|part| bound(part)..bound(part + 1))
 }
 
 /// The network's answers for many fields, in their order.
@@ -147,7 +208,7 @@ pub fn answers(parameters: &[f32], head: Head, fields: &[&FieldCells]) -> Vec<f3
                 for (lane, field) in group.iter().enumerate() {
                     workspace.load(lane, field, false);
                 }
-                let outputs = workspace.forward(parameters);
+                let outputs = on_widest(Forward { workspace: &mut workspace, parameters });
                 answers.extend(outputs.iter().take(group.len()).map(|x| head.answer(*x)));
             }
             answers

@@ -4,7 +4,7 @@
 //! four cells that the pooling compares then have the same place in four phases, and their neighbours
 //! are runs of cells as well.
 
-use crate::predictor::simd::Simd;
+use crate::simd::Simd;
 
 /// Numbers of a plane or phase, margins included.
 pub(super) const LENGTH: usize = 128;

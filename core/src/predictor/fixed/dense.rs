@@ -2,7 +2,7 @@
 
 use super::HIDDEN;
 use super::conv::{LENGTH, Plane};
-use crate::predictor::simd::Simd;
+use crate::simd::Simd;
 
 /// Vectors of sums that are kept in registers.
 const TOGETHER: usize = 8;

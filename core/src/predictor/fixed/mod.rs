@@ -20,7 +20,7 @@ use conv::{Convolution, Limits, MARGIN, Planes, STRIDE};
 use dense::Dense;
 
 use crate::heightfield::{CELLS, COLUMNS, ROWS};
-use crate::predictor::simd::{self, Job, Simd};
+use crate::simd::{self, Job, Simd};
 
 /// Rows and columns behind the pooling, which leaves the odd last row and column out.
 const POOLED_ROWS: usize = ROWS / 2;

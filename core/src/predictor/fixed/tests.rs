@@ -51,8 +51,7 @@ fn wide_instructions_change_no_bit() {
         let cells = probe_cells(probe);
         let wanted = Forward(&fixed, &cells).run(simd::Anywhere).to_bits();
         assert_eq!(fixed.run(&cells).to_bits(), wanted, "probe {probe}");
-        #[cfg(target_arch = "x86_64")]
-        for (name, found) in simd::x86::on_each(|| Forward(&fixed, &cells)) {
+        for (name, found) in simd::on_each(|| Forward(&fixed, &cells)) {
             assert_eq!(found.to_bits(), wanted, "probe {probe}, {name}");
         }
     }

@@ -5,8 +5,13 @@
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::super::network::{PARAMETERS, TENSORS, start_values};
-use super::{FieldCells, LANES, Lanes, Plane, Workspace, backward, forward, pool, reference};
+use super::super::network::{TENSORS, start_values};
+use super::super::sgd::{Example, Head, Sgd};
+use super::{
+    Backward, FieldCells, Forward, HIDDEN, LANES, Lanes, Layer, LinearGradient, Plane, Rows, Workspace, pool,
+    reference,
+};
+use vocaloco_core::simd::{Job, Simd, on_each, on_widest};
 
 /// Fields with structure in both axes, so that a mirrored or shifted one cannot pass.
 fn fields(seed: u64) -> [FieldCells; LANES] {
@@ -32,10 +37,21 @@ fn loaded(fields: &[FieldCells; LANES]) -> Workspace {
     workspace
 }
 
+fn forward(workspace: &mut Workspace, parameters: &[f32]) -> [f32; LANES] {
+    on_widest(Forward { workspace, parameters })
+}
+
+/// Fields with labels that no fresh network answers.
+fn batch(fields: &[FieldCells]) -> Vec<Example<'_>> {
+    let labels = [0.7, -1.3, 0.4, 0.1, 2.1, -0.2, 1.1, 0.9, -0.6];
+    let example = |(field, label)| Example { field, label, mirrored: false };
+    fields.iter().zip(labels.into_iter().cycle()).map(example).collect()
+}
+
 #[test]
 fn every_output_equals_the_plain_network() {
     let (fields, parameters) = (fields(1), network(2));
-    let found = loaded(&fields).forward(&parameters);
+    let found = forward(&mut loaded(&fields), &parameters);
     let parameters: Vec<f64> = parameters.iter().map(|p| f64::from(*p)).collect();
     for (lane, field) in fields.iter().enumerate() {
         let wanted = reference::forward(&parameters, field);
@@ -49,25 +65,24 @@ fn every_output_equals_the_plain_network() {
 
 #[test]
 fn every_tensor_s_gradient_equals_the_finite_difference() {
-    let (fields, parameters) = (fields(3), network(4));
+    // More than a tile, and neither tiles nor groups come out even.
+    let (fields, parameters) = ([fields(3), fields(13)].concat(), network(4));
+    let batch = &batch(&fields)[..29];
     // The output weights of a fresh network are small; larger ones make every gradient matter.
     let parameters: Vec<f32> = parameters.iter().map(|p| 1.7 * p).collect();
-    let d_output: [f32; LANES] = [0.7, -1.3, 0.4, 0.0, 2.1, -0.2, 1.1, 0.9];
-    let mut workspace = loaded(&fields);
-    workspace.forward(&parameters);
-    let mut gradient = vec![0.0; PARAMETERS];
-    workspace.backward(&parameters, d_output, &mut gradient);
+    let gradient = Sgd::default().gradient(&parameters, Head::Linear, batch);
 
     let mut plain: Vec<f64> = parameters.iter().map(|p| f64::from(*p)).collect();
     let loss = |plain: &[f64]| -> f64 {
-        let outputs = fields.iter().map(|field| reference::forward(plain, field));
-        outputs.zip(d_output).map(|(y, d)| y * f64::from(d)).sum()
+        let error =
+            |example: &Example<'_>| reference::forward(plain, example.field) - f64::from(example.label);
+        batch.iter().map(|example| error(example).powi(2)).sum::<f64>() / batch.len() as f64
     };
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     for tensor in TENSORS {
         let scale = tensor.of(&gradient).iter().fold(0.0_f32, |high, g| high.max(g.abs()));
         assert!(scale > 1e-3, "{} has a gradient to compare", tensor.name);
-        for _ in 0..tensor.len().min(24) {
+        for _ in 0..tensor.len().min(16) {
             let at = tensor.start + rng.random_range(0..tensor.len());
             let (value, step) = (plain[at], 1e-6);
             plain[at] = value + step;
@@ -88,18 +103,12 @@ fn every_tensor_s_gradient_equals_the_finite_difference() {
 
 #[test]
 fn an_unused_lane_leaves_no_trace_in_the_gradient() {
-    let (mut fields, parameters) = (fields(6), network(7));
-    let d_output = [1.0, -1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0];
-    let gradient_of = |fields: &[FieldCells; LANES]| {
-        let mut workspace = loaded(fields);
-        workspace.forward(&parameters);
-        let mut gradient = vec![0.0; PARAMETERS];
-        workspace.backward(&parameters, d_output, &mut gradient);
-        gradient
-    };
-    let before = gradient_of(&fields);
-    fields[5] = [0.9; 341];
-    assert_eq!(before, gradient_of(&fields));
+    let (fields, parameters) = (fields(6), network(7));
+    let few = &batch(&fields)[..3];
+    let mut used = Sgd::default();
+    used.gradient(&parameters, Head::Linear, &batch(&[fields, fields].concat()));
+    let fresh = Sgd::default().gradient(&parameters, Head::Linear, few);
+    assert_eq!(used.gradient(&parameters, Head::Linear, few), fresh);
 }
 
 #[test]
@@ -110,19 +119,46 @@ fn a_mirrored_sample_is_the_mirrored_field() {
     for (lane, field) in fields.iter().enumerate() {
         workspace.load(lane, field, true);
     }
-    assert_eq!(workspace.forward(&parameters), loaded(&mirrored).forward(&parameters));
+    assert_eq!(forward(&mut workspace, &parameters), forward(&mut loaded(&mirrored), &parameters));
+}
+
+/// A forward and a backward pass of one tile, and the sums behind it.
+struct Whole<'a> {
+    fields: &'a [FieldCells; LANES],
+    parameters: &'a [f32],
+}
+
+impl Job for Whole<'_> {
+    type Answer = Vec<f32>;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> Vec<f32> {
+        let (mut workspace, parameters) = (loaded(self.fields), self.parameters);
+        let mut answer = Forward { workspace: &mut workspace, parameters }.run(simd).to_vec();
+        let mut rows = Rows::default();
+        let tile = rows.tiles(1).remove(0);
+        Backward { workspace: &mut workspace, parameters, d_output: [1.0; LANES], rows: tile }.run(simd);
+        answer.extend(workspace.gradients().iter().flatten());
+        for layer in Layer::ALL {
+            let outputs = if layer == Layer::Output { 1 } else { HIDDEN };
+            let mut weights = vec![0.0; outputs * layer.inputs()];
+            let parts = [0..8, 8..16, 16..16, 16..16];
+            LinearGradient { rows: &rows, parts: &parts, layer, first: 0, weights: &mut weights }.run(simd);
+            answer.extend(weights);
+        }
+        answer
+    }
 }
 
 #[test]
 fn wide_instructions_change_no_bit() {
     let (fields, parameters) = (fields(10), network(11));
-    let (mut plain, mut wide) = (loaded(&fields), loaded(&fields));
-    forward(&mut plain, &parameters);
-    assert_eq!(plain.output[0].0, wide.forward(&parameters));
-    let (mut g_plain, mut g_wide) = (vec![0.0; PARAMETERS], vec![0.0; PARAMETERS]);
-    backward(&mut plain, &parameters, [1.0; LANES], &mut g_plain);
-    wide.backward(&parameters, [1.0; LANES], &mut g_wide);
-    assert_eq!(g_plain, g_wide);
+    let whole = || Whole { fields: &fields, parameters: &parameters };
+    let wanted = on_widest(whole());
+    assert!(wanted.iter().any(|value| *value != 0.0));
+    for (name, found) in on_each(whole) {
+        assert_eq!(found, wanted, "{name}");
+    }
 }
 
 #[test]

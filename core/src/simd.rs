@@ -13,10 +13,10 @@
 )]
 
 #[cfg(target_arch = "x86_64")]
-pub(super) mod x86;
+mod x86;
 
 /// A processor's vectors. A value of the type is proof that this processor has them.
-pub(crate) trait Simd: Copy {
+pub trait Simd: Copy {
     /// Numbers side by side.
     type Lanes: Copy;
     /// How many.
@@ -45,7 +45,7 @@ pub(crate) trait Simd: Copy {
 }
 
 /// What runs on vectors of any width.
-pub(crate) trait Job {
+pub trait Job {
     /// What comes of it.
     type Answer;
 
@@ -54,7 +54,7 @@ pub(crate) trait Job {
 }
 
 /// Runs a job on the widest vectors that this processor has.
-pub(crate) fn on_widest<J: Job>(job: J) -> J::Answer {
+pub fn on_widest<J: Job>(job: J) -> J::Answer {
     #[cfg(target_arch = "x86_64")]
     return x86::on_widest(job);
     #[cfg(not(target_arch = "x86_64"))]
@@ -62,16 +62,25 @@ pub(crate) fn on_widest<J: Job>(job: J) -> J::Answer {
 }
 
 /// Whether this processor has an operation that multiplies and adds at once; without, each is a call.
-pub(crate) fn has_fused() -> bool {
+pub fn has_fused() -> bool {
     #[cfg(target_arch = "x86_64")]
     return x86::Avx2::found().is_some();
     #[cfg(not(target_arch = "x86_64"))]
     cfg!(target_arch = "aarch64")
 }
 
+/// The answers of a job on all vectors that this processor has, by their names: the same bits.
+pub fn on_each<J: Job>(job: impl Fn() -> J) -> Vec<(&'static str, J::Answer)> {
+    #[cfg(target_arch = "x86_64")]
+    let found = x86::on_each(&job);
+    #[cfg(not(target_arch = "x86_64"))]
+    let found = Vec::new();
+    found.into_iter().chain([("arrays", job().run(Anywhere))]).collect()
+}
+
 /// Arrays, of which the compiler makes what vectors it can.
-#[derive(Clone, Copy)]
-pub(crate) struct Anywhere;
+#[derive(Clone, Copy, Debug)]
+pub struct Anywhere;
 
 impl Simd for Anywhere {
     type Lanes = [f32; 8];
@@ -181,8 +190,7 @@ mod tests {
             found.iter().zip(&wanted).position(|(found, wanted)| found != wanted)
         };
         assert_eq!(first_other(on_widest(EveryOperation)), None);
-        #[cfg(target_arch = "x86_64")]
-        for (name, found) in x86::on_each(|| EveryOperation) {
+        for (name, found) in on_each(|| EveryOperation) {
             assert_eq!(first_other(found), None, "{name}");
         }
         let [bits, _] = wanted[wanted.len() - 2..] else { panic!("no bits") };

@@ -13,14 +13,14 @@ use super::{Anywhere, Job, Simd};
 
 /// Proof of AVX2 and FMA.
 #[derive(Clone, Copy)]
-pub(crate) struct Avx2(());
+pub(super) struct Avx2(());
 
 /// Proof of AVX-512 besides.
 #[derive(Clone, Copy)]
-pub(crate) struct Avx512(());
+pub(super) struct Avx512(());
 
 impl Avx2 {
-    pub(in crate::predictor) fn found() -> Option<Self> {
+    pub(super) fn found() -> Option<Self> {
         (is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")).then_some(Self(()))
     }
 }
@@ -54,8 +54,7 @@ fn on_avx512<J: Job>(simd: Avx512, job: J) -> J::Answer {
 }
 
 /// The answers on all vectors that this processor has, with their names.
-#[cfg(test)]
-pub(in crate::predictor) fn on_each<J: Job>(job: impl Fn() -> J) -> Vec<(&'static str, J::Answer)> {
+pub(super) fn on_each<J: Job>(job: impl Fn() -> J) -> Vec<(&'static str, J::Answer)> {
     // SAFETY: the proofs, as above.
     let narrow = Avx2::found().map(|simd| ("AVX2", unsafe { on_avx2(simd, job()) }));
     let wide = Avx512::found().map(|simd| ("AVX-512", unsafe { on_avx512(simd, job()) }));
