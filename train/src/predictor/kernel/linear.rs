@@ -90,46 +90,54 @@ const VECTORS: usize = 4;
 /// Parts of a batch whose gradients are summed one by one and then added in pairs.
 pub(crate) const PARTS: usize = 4;
 
+/// What a layer took in and its outputs' gradients, by sample, and the samples of each part.
+#[derive(Clone, Copy)]
+pub(crate) struct Batch<'a, const IN: usize, const OUT: usize> {
+    pub(crate) x: &'a [[f32; IN]],
+    pub(crate) dy: &'a [[f32; OUT]],
+    pub(crate) parts: &'a [Range<usize>; PARTS],
+}
+
 /// `dw[o][i] = Σ_samples dy[sample][first + o] · x[sample][i]`, where `dw` has a row for each output from
 /// `first` on; the samples of a part one after the other, the parts in pairs.
 #[inline(always)]
 pub(crate) fn weight_gradient<S: Simd, const IN: usize, const OUT: usize>(
     simd: S,
-    (x, dy, parts): (&[[f32; IN]], &[[f32; OUT]], &[Range<usize>; PARTS]),
+    batch: Batch<'_, IN, OUT>,
     first: usize,
     dw: &mut [[f32; IN]],
 ) {
     let (pairs, rest) = dw.as_chunks_mut::<2>();
     let behind = first + 2 * pairs.len();
     for (pair, dw) in pairs.iter_mut().enumerate() {
-        rows::<S, IN, OUT, 2>(simd, (x, dy, parts), first + 2 * pair, dw);
+        rows::<S, IN, OUT, 2>(simd, batch, first + 2 * pair, dw);
     }
     for (o, dw) in rest.iter_mut().enumerate() {
-        rows::<S, IN, OUT, 1>(simd, (x, dy, parts), behind + o, std::array::from_mut(dw));
+        rows::<S, IN, OUT, 1>(simd, batch, behind + o, std::array::from_mut(dw));
     }
 }
 
 #[inline(always)]
 fn rows<S: Simd, const IN: usize, const OUT: usize, const N: usize>(
     simd: S,
-    (x, dy, parts): (&[[f32; IN]], &[[f32; OUT]], &[Range<usize>; PARTS]),
+    batch: Batch<'_, IN, OUT>,
     first: usize,
     dw: &mut [[f32; IN]; N],
 ) {
     let mut at = 0;
     while at + VECTORS * S::WIDTH <= IN {
-        vectors::<S, IN, OUT, N, VECTORS>(simd, (x, dy, parts), [first, at], dw);
+        vectors::<S, IN, OUT, N, VECTORS>(simd, batch, [first, at], dw);
         at += VECTORS * S::WIDTH;
     }
     while at + S::WIDTH <= IN {
-        vectors::<S, IN, OUT, N, 1>(simd, (x, dy, parts), [first, at], dw);
+        vectors::<S, IN, OUT, N, 1>(simd, batch, [first, at], dw);
         at += S::WIDTH;
     }
     for (o, dw) in dw.iter_mut().enumerate() {
         for at in at..IN {
             let mut sums = [0.0_f32; PARTS];
-            for (sum, samples) in sums.iter_mut().zip(parts) {
-                for (x, dy) in x[samples.clone()].iter().zip(&dy[samples.clone()]) {
+            for (sum, samples) in sums.iter_mut().zip(batch.parts) {
+                for (x, dy) in batch.x[samples.clone()].iter().zip(&batch.dy[samples.clone()]) {
                     *sum = dy[first + o].mul_add(x[at], *sum);
                 }
             }
@@ -141,14 +149,14 @@ fn rows<S: Simd, const IN: usize, const OUT: usize, const N: usize>(
 #[inline(always)]
 fn vectors<S: Simd, const IN: usize, const OUT: usize, const N: usize, const M: usize>(
     simd: S,
-    (x, dy, parts): (&[[f32; IN]], &[[f32; OUT]], &[Range<usize>; PARTS]),
+    batch: Batch<'_, IN, OUT>,
     [first, at]: [usize; 2],
     dw: &mut [[f32; IN]; N],
 ) {
     let mut of_parts = [[[simd.splat(0.0); M]; N]; PARTS];
-    for (of_part, samples) in of_parts.iter_mut().zip(parts) {
+    for (of_part, samples) in of_parts.iter_mut().zip(batch.parts) {
         let mut sums = [[simd.splat(0.0); M]; N];
-        for (x, dy) in x[samples.clone()].iter().zip(&dy[samples.clone()]) {
+        for (x, dy) in batch.x[samples.clone()].iter().zip(&batch.dy[samples.clone()]) {
             let x = &x[at..at + M * S::WIDTH];
             let dy: &[f32; N] = dy[first..].first_chunk().expect("a value for each output");
             for m in 0..M {

@@ -68,6 +68,7 @@ pub struct Workspace {
 }
 
 impl Default for Workspace {
+    #[allow(clippy::large_stack_arrays, reason = "a plane of 27 kB, copied to the heap")]
     fn default() -> Self {
         let full = |channels: usize| vec![[[Lanes::ZERO; 13]; 33]; channels];
         let pooled = |channels: usize| vec![[[Lanes::ZERO; 7]; 17]; channels];
@@ -287,19 +288,19 @@ impl Job for LinearGradient<'_> {
         match layer {
             Layer::First => linear::weight_gradient::<S, FLAT, HIDDEN>(
                 simd,
-                (&rows.flat, &rows.d_fc1, parts),
+                linear::Batch { x: &rows.flat, dy: &rows.d_fc1, parts },
                 first,
                 weights.as_chunks_mut().0,
             ),
             Layer::Second => linear::weight_gradient::<S, HIDDEN, HIDDEN>(
                 simd,
-                (&rows.fc1, &rows.d_fc2, parts),
+                linear::Batch { x: &rows.fc1, dy: &rows.d_fc2, parts },
                 first,
                 weights.as_chunks_mut().0,
             ),
             Layer::Output => linear::weight_gradient::<S, HIDDEN, 1>(
                 simd,
-                (&rows.fc2, &rows.d_output, parts),
+                linear::Batch { x: &rows.fc2, dy: &rows.d_output, parts },
                 first,
                 weights.as_chunks_mut().0,
             ),

@@ -1,6 +1,7 @@
 //! The kernel's mathematics: its outputs and every tensor's gradient against the plain f64 network.
 
 #![expect(clippy::float_cmp, reason = "the same bits, or values that are exact")]
+#![expect(clippy::large_stack_arrays, reason = "a few tiles of fields")]
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
