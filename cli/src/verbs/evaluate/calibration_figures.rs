@@ -13,7 +13,7 @@ const COLOURS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9
 const WIDTH: f64 = 560.0;
 const HEIGHT: f64 = 320.0;
 const LEFT: f64 = 54.0;
-const RIGHT: f64 = 12.0;
+const RIGHT: f64 = 20.0;
 const TOP: f64 = 34.0;
 const BOTTOM: f64 = 74.0;
 
@@ -71,7 +71,7 @@ fn by_size(rows: &[Row], kind: Kind, terrain: TerrainKind) -> String {
         }
     };
     let axes = Axes { x_max: nice(f64::from(largest)), y_max: ceiling };
-    let mut svg = axes.frame(&format!("{title} on {terrain}"), "size (m)");
+    let mut svg = axes.frame(&format!("{title} on {}", terrain.id().replace('_', " ")), "size (m)");
     for (at, skill) in skills.iter().enumerate() {
         let colour = COLOURS[at % COLOURS.len()];
         let mut own: Vec<&&Row> = shown.iter().filter(|row| row.skill == *skill).collect();
@@ -223,7 +223,7 @@ impl Axes {
 }
 
 fn legend(svg: &mut String, at: usize, skill: &str, colour: &str) {
-    let x = LEFT + 110.0 * at as f64;
+    let x = LEFT + 130.0 * at as f64;
     let y = HEIGHT - 26.0;
     let _ = writeln!(
         svg,

@@ -47,7 +47,8 @@ impl Plan {
         Self {
             quick: false,
             seed,
-            sizes_m: (1..=16).map(|step| step as f32 * 0.025).collect(),
+            // As the decimals read: commands that name them then find what stands.
+            sizes_m: (1..=16).map(|step| (step * 25) as f32 / 1000.0).collect(),
             samples: 500,
             rollouts: 100,
             promised_rollouts: 300,
