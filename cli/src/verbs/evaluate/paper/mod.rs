@@ -91,6 +91,15 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     let promised = promised(args)?;
     let promised_arena = promised.as_deref().map(|name| Arena::load(name, &[], (store, args.threads)));
     let promised_arena = promised_arena.transpose()?;
+    if let Some(promised) = &promised_arena {
+        let (found, wanted) = (promised.names().join(", "), arena.names().join(", "));
+        ensure!(
+            found == wanted,
+            "deployment `{}`: skills: found {found}, wanted {wanted}, those of `{}` it is compared with",
+            promised.deployment,
+            arena.deployment
+        );
+    }
     let baseline = Who::Skill(args.baseline.clone());
     let bar = progress::bar("", 0);
     let measuring = Measuring {
