@@ -126,7 +126,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         stage.drive(CourseKind::StairsUp, 0.12, Outcome::Reached)?,
         stage.drive(CourseKind::StairsDown, 0.12, Outcome::Reached)?,
     ];
-    for kind in CourseKind::ALL {
+    for kind in [CourseKind::StairsUp, CourseKind::StairsDown] {
         let walked_through = driven.iter().any(|d| d.run.kind == kind && d.walked_through());
         if walked_through {
             driven.extend(stage.lowest_with_a_switch(kind)?);

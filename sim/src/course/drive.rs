@@ -28,7 +28,7 @@ const ON_ITS_FEET_M: std::ops::RangeInclusive<f32> = 0.3..=0.9;
 /// When the pilot cannot go on.
 pub fn drive(config: &CourseConfig, pilot: &mut dyn Pilot) -> Result<CourseRun, CourseError> {
     let bounds = Bounds::of(config);
-    let length_m = f64::from(config.kind.length_m(config.steps));
+    let length_m = f64::from(config.course().length_m());
     let time_limit_s = 3.0 * length_m / f64::from(FORWARD_M_PER_S);
     let last_tick = (time_limit_s / TICK_S).round() as usize;
     let stopped_ticks = (STOPPED_AFTER_S / TICK_S).round() as usize;
@@ -158,11 +158,11 @@ struct Bounds {
 
 impl Bounds {
     fn of(config: &CourseConfig) -> Self {
-        let CourseConfig { kind, size_m, steps, .. } = *config;
+        let course = config.course();
         Self {
-            length_m: kind.length_m(steps),
-            target_x_m: kind.far_flat_from_m(steps) + TARGET_ON_FLAT_M,
-            far_flat_m: kind.far_flat_m(size_m, steps),
+            length_m: course.length_m(),
+            target_x_m: course.far_flat_from_m() + TARGET_ON_FLAT_M,
+            far_flat_m: course.far_flat_m(),
         }
     }
 

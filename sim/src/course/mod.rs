@@ -32,7 +32,7 @@ use crate::{
     driver::SensorNoise,
     occlusion::Occlusion,
     spawn::{NoValidPose, SpawnRules},
-    terrain::CourseKind,
+    terrain::{Course, CourseKind},
 };
 
 /// Forward command, m/s (METHOD, section 3).
@@ -49,9 +49,9 @@ pub const STOPPED_AFTER_S: f64 = 2.0;
 pub struct CourseConfig {
     /// Which one.
     pub kind: CourseKind,
-    /// Height of a step, m.
+    /// Its size: the height of a step; of the course of obstacles see [`CourseKind::Obstacles`], m.
     pub size_m: f32,
-    /// Number of steps.
+    /// Steps of a flight.
     pub steps: usize,
     /// Seed of every stream.
     pub seed: u64,
@@ -74,6 +74,11 @@ pub struct CourseConfig {
 }
 
 impl CourseConfig {
+    /// The course itself.
+    pub const fn course(&self) -> Course {
+        Course { kind: self.kind, size_m: self.size_m, steps: self.steps }
+    }
+
     /// A rollout of the evaluation: spawned anywhere on the near flat, varied, not recorded.
     pub fn evaluation(kind: CourseKind, size_m: f32, seed: u64, rollout: u64) -> Self {
         Self {

@@ -19,7 +19,7 @@ use crate::{
     rollout::RolledSkill,
     sensing::Sensors,
     stream::{stream, uniform},
-    terrain::{CourseKind, Terrain, Vantage},
+    terrain::{Course, Terrain, Vantage},
 };
 
 /// The elevation map that the simulated robot perceives. Both the field's 10 cm and a plugin's
@@ -78,7 +78,7 @@ pub struct SelectorPilot<'a> {
     plant: &'a mut Plant,
     terrain: &'a Terrain,
     runtime: &'a mut Runtime,
-    course: (CourseKind, usize),
+    course: Course,
     field_noise_m: f32,
     sensors: Sensors,
     field: ChaCha8Rng,
@@ -103,7 +103,7 @@ impl<'a> SelectorPilot<'a> {
             plant,
             terrain,
             runtime,
-            course: (config.kind, config.steps),
+            course: config.course(),
             occlusion: config.occlusion,
             seen,
             ground: None,
@@ -214,8 +214,7 @@ impl Pilot for SelectorPilot<'_> {
 
     fn tick(&mut self, command: &Command) -> Result<PilotTick, CourseError> {
         if let Some(ground) = self.ground {
-            let (kind, steps) = self.course;
-            ground.set(kind.under_field(steps, self.plant.measure().base.position_m[0]));
+            ground.set(self.course.under_field(self.plant.measure().base.position_m[0]));
         }
         let observation = self.observe(command);
         let tick = self.runtime.tick(&observation);

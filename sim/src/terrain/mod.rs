@@ -12,7 +12,7 @@ mod tile;
 #[cfg(test)]
 mod tests;
 
-pub use course::{COURSE_WIDTH_M, CourseKind, FLAT_M};
+pub use course::{COURSE_WIDTH_M, Course, CourseKind, FLAT_M, OBSTACLES_RISE_M, Obstacle};
 pub use sensing::Vantage;
 pub use solid::Solid;
 
@@ -159,9 +159,9 @@ impl Terrain {
         tile::build(kind, size_m, depth_m, seed)
     }
 
-    /// An evaluation course: flat, `steps` steps, flat (METHOD, section 6), from x = 0 on, centred on y = 0.
+    /// An evaluation [`Course`], its flights of `steps` steps (METHOD, section 6), from x = 0 on, centred on y = 0.
     pub fn course(kind: CourseKind, size_m: f32, steps: usize) -> Self {
-        course::build(kind, size_m, steps)
+        Course { kind, size_m, steps }.build()
     }
 
     /// Height of the ground, the top of the highest solid there, m; NaN outside the map.

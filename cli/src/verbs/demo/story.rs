@@ -13,7 +13,7 @@ use crate::report::{Story, path, told};
 /// (`ascend_network`).
 pub(super) fn made_for(run: &CourseRun) -> &str {
     let name = match run.kind {
-        CourseKind::StairsUp | CourseKind::Mixed => "ascend",
+        CourseKind::StairsUp | CourseKind::Mixed | CourseKind::Obstacles => "ascend",
         CourseKind::StairsDown => "descend",
     };
     let verdicts = run.ticks.iter().find_map(|tick| tick.decision.as_ref()).map(|it| it.skills.as_slice());
@@ -35,6 +35,7 @@ fn direction(kind: CourseKind) -> &'static str {
         CourseKind::StairsUp => "up",
         CourseKind::StairsDown => "down",
         CourseKind::Mixed => "up and down",
+        CourseKind::Obstacles => "over obstacles",
     }
 }
 

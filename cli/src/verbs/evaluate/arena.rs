@@ -26,7 +26,7 @@ use vocaloco_sim::{
     dataset::SkillId,
     evaluate::Query,
     plant::PlantKind,
-    terrain::TerrainKind,
+    terrain::{Course, TerrainKind},
     threads::with_threads,
 };
 
@@ -173,11 +173,13 @@ impl Arena {
         Ok((config, switching, skills))
     }
 
-    /// Runtimes that ask an oracle of what was collected on flat ground and on both stairs of one height.
-    fn oracles(&self, size_m: f32, sampling: Sampling) -> anyhow::Result<Runtimes<'_>> {
+    /// Runtimes that ask an oracle of what was collected on flat ground and on what lies across the course.
+    fn oracles(&self, course: Course, sampling: Sampling) -> anyhow::Result<Runtimes<'_>> {
+        let across = course.obstacles().into_iter().map(|obstacle| (obstacle.kind, obstacle.size_m));
+        let grounds: Vec<_> = std::iter::once((TerrainKind::Flat, 0.0)).chain(across).collect();
         let mut table: BTreeMap<String, Vec<(TerrainKind, Worth)>> = BTreeMap::new();
         for name in self.names() {
-            for terrain in [TerrainKind::Flat, TerrainKind::StairsUp, TerrainKind::StairsDown] {
+            for (terrain, size_m) in grounds.iter().copied() {
                 let cell = self.cell(name, terrain, size_m, sampling, &|| ())?;
                 table.entry(name.to_owned()).or_default().push((terrain, cell.worth()));
             }
@@ -216,7 +218,7 @@ impl Arena {
                     Selector::Runtime(&chosen)
                 }
                 Who::Oracle => {
-                    chosen = self.oracles(config.size_m, sampling(config, samples, variation))?;
+                    chosen = self.oracles(config.course(), sampling(config, samples, variation))?;
                     Selector::Runtime(&chosen)
                 }
             };
@@ -239,7 +241,7 @@ impl Arena {
                 return Ok((roll_out(&self.robot, config, &selector)?, None));
             }
             Who::Vocaloco => self.runtimes(who, variation),
-            Who::Oracle => self.oracles(config.size_m, sampling(config, samples, variation))?,
+            Who::Oracle => self.oracles(config.course(), sampling(config, samples, variation))?,
         };
         let setup = runtimes
             .with(|crew| Ok(vocaloco_core::decision_log::Setup::of(&crew.runtime, &self.deployment)))?;

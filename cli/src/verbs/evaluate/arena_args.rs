@@ -1,6 +1,7 @@
 //! Who chooses on a course, and what they see: the arguments that `evaluate success` and `evaluate course` share.
 
 use anyhow::ensure;
+use vocaloco_sim::terrain::CourseKind;
 
 use super::success::Sight;
 use super::who::Who;
@@ -25,6 +26,30 @@ pub(super) struct ArenaArgs {
     /// Half-width of the noise on every height that the skills see, m
     #[arg(long, default_value_t = 0.02, value_name = "M")]
     pub(super) patch_noise_m: f32,
+}
+
+/// The sizes that a course is driven with: those given or, where none are, its own, which on the courses of
+/// stairs are `stairs_m`.
+pub(super) fn sizes_m(course: CourseKind, given_m: &[f32], stairs_m: &[f32]) -> Vec<f32> {
+    match (given_m, course) {
+        ([], CourseKind::Obstacles) => vec![course.demo_size_m()],
+        ([], _) => stairs_m.to_vec(),
+        (given_m, _) => given_m.to_vec(),
+    }
+}
+
+/// `--course` and `--size-m` of a command that repeats this; sizes that differ by course are left to be its own.
+pub(super) fn courses_flag(courses: &[CourseKind], given_m: &[f32], stairs_m: &[f32]) -> String {
+    let ids: Vec<&str> = courses.iter().map(|course| course.id()).collect();
+    let mut lists = courses.iter().map(|course| sizes_m(*course, given_m, stairs_m));
+    let first = lists.next().unwrap_or_default();
+    let sizes = if lists.all(|list| list == first) {
+        let sizes: Vec<String> = first.iter().map(ToString::to_string).collect();
+        format!(" --size-m {}", sizes.join(","))
+    } else {
+        String::new()
+    };
+    format!("--course {}{sizes}", ids.join(","))
 }
 
 impl ArenaArgs {

@@ -10,11 +10,11 @@ use vocaloco_core::predictor::backend;
 use vocaloco_sim::{
     course::{CourseConfig, CourseRun, Outcome, Switch},
     driver::SensorNoise,
-    terrain::{CourseKind, Terrain},
+    terrain::{CourseKind, OBSTACLES_RISE_M, Terrain},
 };
 
 use super::arena::{Arena, Variation};
-use super::arena_args::ArenaArgs;
+use super::arena_args::{ArenaArgs, courses_flag, sizes_m};
 use super::store::Store;
 use super::success::parse_course;
 use super::who::Who;
@@ -27,11 +27,12 @@ use crate::{exit::Exit, output, progress, verbs::Shared};
 /// that mixes flat and stairs.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Courses: `stairs_up`, `stairs_down`, `mixed`
+    /// Courses: `stairs_up`, `stairs_down`, `mixed`, `obstacles`
     #[arg(long, value_delimiter = ',', value_parser = parse_course, default_value = "stairs_up,stairs_down,mixed", value_name = "LIST")]
     course: Vec<CourseKind>,
-    /// Step heights, m
-    #[arg(long, value_delimiter = ',', default_value = "0.12", value_name = "LIST")]
+    /// Step heights, m; on `obstacles`, whose steps are of 12 cm, the height of the wall and the width of the gap.
+    /// By default 0.12, and 0.5 on obstacles
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
     size_m: Vec<f32>,
     /// Steps of a flight
     #[arg(long, default_value_t = 3, value_name = "N")]
@@ -48,6 +49,9 @@ pub(crate) struct Args {
     #[command(flatten)]
     shared: Shared,
 }
+
+/// The paper's deployment.
+const STAIRS_M: [f32; 1] = [0.12];
 
 #[derive(Serialize)]
 struct Summary {
@@ -80,7 +84,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     let arena = Arena::load(&args.arena.deployment, &alone, (store, 0))?;
     let (mut rows, mut courses) = (Vec::new(), Vec::new());
     for course in &args.course {
-        for size_m in &args.size_m {
+        for size_m in &sizes_m(*course, &args.size_m, &STAIRS_M) {
             for who in &args.arena.selector {
                 let start = match args.rollout {
                     Some(rollout) => CourseConfig::evaluation(*course, *size_m, args.shared.seed, rollout),
@@ -157,6 +161,12 @@ pub(super) fn drive(
         CourseKind::Mixed => {
             format!("{} steps of {:.1} cm up, a flat, and down", config.steps, config.size_m * 100.0)
         }
+        CourseKind::Obstacles => format!(
+            "{} steps of {:.0} cm up and down, a wall and a gap of {:.1} cm",
+            config.steps,
+            OBSTACLES_RISE_M * 100.0,
+            config.size_m * 100.0
+        ),
     };
     let story = Story { id, title: format!("{who}: {shape}"), summary: told(&run), ..Story::default() };
     let terrain = Terrain::course(config.kind, config.size_m, config.steps);
@@ -228,14 +238,11 @@ fn print(summary: &Summary, page: &Path) -> anyhow::Result<()> {
 }
 
 fn command(args: &Args) -> String {
-    let sizes: Vec<String> = args.size_m.iter().map(ToString::to_string).collect();
     let selectors: Vec<String> = args.arena.selector.iter().map(ToString::to_string).collect();
-    let courses: Vec<&str> = args.course.iter().map(|course| course.id()).collect();
     format!(
-        "vocaloco evaluate course --course {} --size-m {} --steps {} --selector {} --deployment {}{}{} \
+        "vocaloco evaluate course {} --steps {} --selector {} --deployment {}{}{} \
          --field-noise-m {} --patch-noise-m {} --seed {}",
-        courses.join(","),
-        sizes.join(","),
+        courses_flag(&args.course, &args.size_m, &STAIRS_M),
         args.steps,
         selectors.join(","),
         args.arena.deployment,

@@ -13,7 +13,7 @@ use vocaloco_sim::{
 };
 
 use super::arena::{Arena, Variation};
-use super::arena_args::ArenaArgs;
+use super::arena_args::{ArenaArgs, courses_flag, sizes_m};
 use super::store::Store;
 use super::who::Who;
 use crate::{exit::Exit, output, progress, verbs::Shared};
@@ -24,11 +24,12 @@ use crate::{exit::Exit, output, progress, verbs::Shared};
 /// measured again until a model, a skill, the deployment or the configuration changes.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// Courses: `stairs_up`, `stairs_down`, `mixed`
+    /// Courses: `stairs_up`, `stairs_down`, `mixed`, `obstacles`
     #[arg(long, value_delimiter = ',', value_parser = parse_course, default_value = "stairs_up,stairs_down", value_name = "LIST")]
     course: Vec<CourseKind>,
-    /// Step heights, m
-    #[arg(long, value_delimiter = ',', default_value = SIZES_M, value_name = "LIST")]
+    /// Step heights, m; on `obstacles`, whose steps are of 12 cm, the height of the wall and the width of the gap.
+    /// By default 0.025 to 0.4 by 0.025, and 0.5 on obstacles
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
     size_m: Vec<f32>,
     /// Rollouts for each height
     #[arg(long, default_value_t = 100, value_name = "N")]
@@ -52,8 +53,8 @@ pub(crate) struct Args {
 }
 
 /// METHOD, section 6: 2.5 to 40 cm by 2.5.
-pub(super) const SIZES_M: &str =
-    "0.025,0.05,0.075,0.1,0.125,0.15,0.175,0.2,0.225,0.25,0.275,0.3,0.325,0.35,0.375,0.4";
+const STAIRS_M: [f32; 16] =
+    [0.025, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25, 0.275, 0.3, 0.325, 0.35, 0.375, 0.4];
 
 /// `--occlusion`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -98,12 +99,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     let alone: Vec<&str> = args.arena.selector.iter().filter_map(Who::alone).collect();
     let store = Store::open(&args.store, args.fresh)?;
     let arena = Arena::load(&args.arena.deployment, &alone, (store, args.threads))?;
-    let rows_wanted = args.course.len() * args.arena.selector.len() * args.size_m.len();
+    let sizes_m = |course: CourseKind| sizes_m(course, &args.size_m, &STAIRS_M);
+    let sizes: usize = args.course.iter().map(|course| sizes_m(*course).len()).sum();
+    let rows_wanted = sizes * args.arena.selector.len();
     let bar = progress::bar("rollouts", args.rollouts * rows_wanted as u64);
     let mut rows = Vec::new();
     for course in &args.course {
         for who in &args.arena.selector {
-            for size_m in &args.size_m {
+            for size_m in &sizes_m(*course) {
                 bar.set_message(format!("{} of {:.3} m, {who}", course.id(), size_m));
                 let config = CourseConfig {
                     steps: args.steps,
@@ -147,7 +150,7 @@ fn report(args: &Args, rows: &[SuccessRow]) -> anyhow::Result<()> {
             args.steps,
             "selector"
         ))?;
-        for size_m in &args.size_m {
+        for size_m in &sizes_m(*course, &args.size_m, &STAIRS_M) {
             let of = |row: &&SuccessRow| row.course == *course && row.size_m == *size_m;
             for row in rows.iter().filter(of) {
                 output::line(&line(row, width))?;
@@ -185,9 +188,8 @@ fn line(row: &SuccessRow, width: usize) -> String {
 fn command(args: &Args) -> String {
     let list = |items: Vec<String>| items.join(",");
     let mut words = vec![format!(
-        "vocaloco evaluate success --course {} --size-m {} --rollouts {} --selector {} --steps {} --deployment {}",
-        list(args.course.iter().map(|course| course.id().to_owned()).collect()),
-        list(args.size_m.iter().map(ToString::to_string).collect()),
+        "vocaloco evaluate success {} --rollouts {} --selector {} --steps {} --deployment {}",
+        courses_flag(&args.course, &args.size_m, &STAIRS_M),
         args.rollouts,
         list(args.arena.selector.iter().map(ToString::to_string).collect()),
         args.steps,

@@ -20,12 +20,13 @@ use crate::{output, progress};
 
 #[derive(clap::Args)]
 pub(super) struct CourseArgs {
-    /// Course of --source sim: `stairs_up` or `stairs_down`
+    /// Course of --source sim: `stairs_up`, `stairs_down`, `mixed`, `obstacles`
     #[arg(long, default_value = "stairs_up", value_name = "COURSE", value_parser = course)]
     course: CourseKind,
-    /// Step height of the course, m
-    #[arg(long, default_value_t = 0.12, value_name = "M")]
-    size_m: f32,
+    /// Step height of the course, m; on `obstacles`, whose steps are of 12 cm, the height of the wall and the width
+    /// of the gap. By default 0.12, and 0.5 on obstacles
+    #[arg(long, value_name = "M")]
+    size_m: Option<f32>,
     /// Number of steps of the course
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=50))]
     steps: u16,
@@ -35,6 +36,12 @@ pub(super) struct CourseArgs {
     /// Half-width of the noise on every height that the skills see, m
     #[arg(long, default_value_t = 0.02, value_name = "M")]
     patch_noise_m: f32,
+}
+
+impl CourseArgs {
+    fn size_m(&self) -> f32 {
+        self.size_m.unwrap_or_else(|| self.course.demo_size_m())
+    }
 }
 
 fn course(text: &str) -> Result<CourseKind, String> {
@@ -65,8 +72,9 @@ struct Report<'a> {
 
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let course = &args.course;
+    let size_m = course.size_m();
     for (flag, found, least, most) in [
-        ("--size-m", course.size_m, 0.0, 2.0),
+        ("--size-m", size_m, 0.0, 2.0),
         ("--field-noise-m", course.field_noise_m, 0.0, 1.0),
         ("--patch-noise-m", course.patch_noise_m, 0.0, 1.0),
     ] {
@@ -76,7 +84,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         steps: usize::from(course.steps),
         noise: SensorNoise { patch_m: course.patch_noise_m, ..SensorNoise::default() },
         field_noise_m: course.field_noise_m,
-        ..CourseConfig::demo(course.course, course.size_m, args.shared.seed)
+        ..CourseConfig::demo(course.course, size_m, args.shared.seed)
     };
     let (mut runtime, refused) = start(args, args.real_time)?;
     let metronome = args.real_time.then(|| Metronome::new(runtime.config().rate_hz));
@@ -148,7 +156,7 @@ fn command(args: &Args) -> String {
          --patch-noise-m {} --seed {}{}",
         args.deployment,
         course.course.id(),
-        course.size_m,
+        course.size_m(),
         course.steps,
         course.field_noise_m,
         course.patch_noise_m,

@@ -43,6 +43,7 @@ pub(super) fn words(course: CourseKind) -> &'static str {
         CourseKind::StairsUp => "stairs up",
         CourseKind::StairsDown => "stairs down",
         CourseKind::Mixed => "up and down",
+        CourseKind::Obstacles => "obstacles",
     }
 }
 
