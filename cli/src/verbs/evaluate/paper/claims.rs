@@ -1,6 +1,7 @@
 //! The paper's claims (METHOD, section 6), each beside what was measured here. A verdict is computed from
 //! numbers alone, and says by which rule.
 
+mod adding;
 mod choosing;
 mod predicting;
 
@@ -60,6 +61,10 @@ pub(super) struct Evidence<'a> {
     pub(super) deployment: &'a str,
     /// The deployment whose thresholds promise something.
     pub(super) promised: Option<&'a str>,
+    /// The deployment with skills added for the course of obstacles, and all its skills in its order.
+    pub(super) added: Option<(&'a str, &'a [&'a str])>,
+    /// Names in the order of their colours.
+    pub(super) palette: &'a [String],
 }
 
 impl Evidence<'_> {
@@ -81,12 +86,7 @@ impl Evidence<'_> {
             self.windows(),
             self.thresholds(),
             self.filling(),
-            Self::unmeasured(
-                "new_skills",
-                "Climb and gap are added without retraining anything, and an obstacle course with a wall and a 0.5 m gap is traversed.",
-                "Skills that climb a wall and cross a gap do not exist here yet.",
-                self.plan.seed,
-            ),
+            self.new_skills(),
             Self::unmeasured(
                 "horizon",
                 "Horizons shorter than 1.5 m switch too often, longer ones are too noisy.",

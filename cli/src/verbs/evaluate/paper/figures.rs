@@ -16,6 +16,7 @@ pub(super) fn figures(evidence: &Evidence<'_>) -> Vec<Figure> {
     figures.extend(choosing::success(evidence));
     figures.push(timeline::timeline(evidence));
     figures.push(choosing::energy(evidence));
+    figures.extend(timeline::obstacles(evidence));
     figures.extend(danger::maps(evidence));
     figures.extend([
         ablating::window(evidence),

@@ -42,6 +42,8 @@ pub(super) struct Findings {
     pub(super) thresholds: Vec<(f32, SuccessRow)>,
     /// By what the predictors see.
     pub(super) sights: Vec<SuccessRow>,
+    /// The course of obstacles: with the skills added for it, without them, and the baseline.
+    pub(super) obstacles: Vec<SuccessRow>,
     /// Courses with every tick.
     pub(super) runs: Vec<Recorded>,
 }
@@ -93,6 +95,8 @@ pub(super) struct Measuring<'a> {
     pub(super) arena: &'a Arena,
     /// The same skills with thresholds that promise something.
     pub(super) promised: Option<&'a Arena>,
+    /// The same skills and others added to them, for the course of obstacles.
+    pub(super) added: Option<&'a Arena>,
     pub(super) plan: &'a Plan,
     pub(super) baseline: &'a Who,
     pub(super) out: &'a Path,
@@ -125,6 +129,7 @@ impl Measuring<'_> {
             + both * sizes * selectors * plan.rollouts
             + self.promised.map_or(0, |_| both * sizes * plan.promised_rollouts)
             + plan.mixed_sizes_m.len() as u64 * selectors * plan.rollouts
+            + self.added.map_or(0, |_| 3 * plan.rollouts)
             + ablations
     }
 
@@ -138,6 +143,7 @@ impl Measuring<'_> {
             horizons: self.horizons()?,
             thresholds: self.thresholds()?,
             sights: self.sights()?,
+            obstacles: self.obstacles()?,
         })
     }
 
@@ -213,6 +219,29 @@ impl Measuring<'_> {
                 PROMISED.clone_into(&mut row.selector);
                 rows.push(row);
             }
+        }
+        Ok(rows)
+    }
+
+    /// The course of obstacles: with the skills added for it, without them, and the baseline.
+    fn obstacles(&self) -> anyhow::Result<Vec<SuccessRow>> {
+        let Some(added) = self.added else { return Ok(Vec::new()) };
+        let kind = CourseKind::Obstacles;
+        let config =
+            CourseConfig { steps: self.plan.demo_steps, ..self.config(kind, kind.demo_size_m()) };
+        let baseline = self.baseline.to_string();
+        let mut rows = Vec::new();
+        for (arena, who, selector) in [
+            (added, Who::Vocaloco, ADDED),
+            (self.arena, Who::Vocaloco, "vocaloco"),
+            (self.arena, self.baseline.clone(), &baseline),
+        ] {
+            self.bar.set_message(format!("{selector} on {}", config.kind.id()));
+            let chosen = (&who, Variation::default());
+            let mut row =
+                arena.row(&config, self.plan.rollouts, chosen, self.plan.samples, &|n| self.bar.inc(n))?;
+            selector.clone_into(&mut row.selector);
+            rows.push(row);
         }
         Ok(rows)
     }
@@ -302,7 +331,7 @@ impl Measuring<'_> {
     }
 
     /// The demo's staircases, the course of energy, and steps that no skill takes: with the method, and with
-    /// the baseline where it matters.
+    /// the baseline where it matters; the course of obstacles with the skills added for it.
     fn runs(&self) -> anyhow::Result<Vec<Recorded>> {
         let Plan { demo_size_m, demo_steps, wall_size_m, seed, .. } = *self.plan;
         let wanted = [
@@ -312,18 +341,21 @@ impl Measuring<'_> {
             (CourseKind::StairsUp, wall_size_m, self.baseline.clone()),
             (CourseKind::Mixed, demo_size_m, Who::Vocaloco),
         ];
+        let obstacles = CourseKind::Obstacles;
+        let added = self.added.map(|arena| (arena, obstacles, obstacles.demo_size_m(), Who::Vocaloco));
+        let wanted = wanted.map(|(course, size_m, who)| (self.arena, course, size_m, who));
         let mut runs = Vec::new();
-        for (course, size_m, who) in wanted {
+        for (arena, course, size_m, who) in wanted.into_iter().chain(added) {
             self.bar.set_message(format!("{who} on {} of {size_m:.3} m, recorded", course.id()));
             let config = CourseConfig { steps: demo_steps, ..CourseConfig::demo(course, size_m, seed) };
-            runs.push(self.run(&config, &who)?);
+            runs.push(self.run(arena, &config, &who)?);
         }
         Ok(runs)
     }
 
-    fn run(&self, config: &CourseConfig, who: &Who) -> anyhow::Result<Recorded> {
-        self.arena.recorded(config, who, || {
-            let driven = drive(self.arena, config, who, self.plan.samples, &self.out.join("logs"))?;
+    fn run(&self, arena: &Arena, config: &CourseConfig, who: &Who) -> anyhow::Result<Recorded> {
+        arena.recorded(config, who, || {
+            let driven = drive(arena, config, who, self.plan.samples, &self.out.join("logs"))?;
             let run = &driven.run;
             let all = || run.ticks.iter().filter_map(|tick| tick.decision.as_ref());
             let danger = telling(run).filter(|_| STAIRS.contains(&config.kind));
@@ -372,6 +404,9 @@ fn telling(run: &CourseRun) -> Option<&Decision> {
 
 /// The deployment whose thresholds promise something.
 pub(super) const PROMISED: &str = "vocaloco with promised thresholds";
+
+/// The deployment with skills added for the course of obstacles.
+pub(super) const ADDED: &str = "vocaloco with skills added";
 
 /// The selector whose cost is the chance of failure.
 pub(super) const WITHOUT_COST: &str = "vocaloco without cost";

@@ -50,6 +50,10 @@ pub(crate) struct Args {
     /// deployment's name with `_promised` behind it where there is one
     #[arg(long, value_name = "NAME")]
     promised: Option<String>,
+    /// Deployment of the same skills and others added to them, for the course of obstacles; `anymal_obstacles` where
+    /// there is one
+    #[arg(long, value_name = "NAME")]
+    added: Option<String>,
     /// Folder for the page, tables, figures, logs and what was measured
     #[arg(long, default_value = "out/paper", value_name = "DIR")]
     out: PathBuf,
@@ -88,9 +92,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     }
     let store = Store::open(&args.out.join("measured"), args.fresh)?;
     let arena = Arena::load(&args.deployment, &[&args.baseline], (store.clone(), args.threads))?;
-    let promised = promised(args)?;
-    let promised_arena = promised.as_deref().map(|name| Arena::load(name, &[], (store, args.threads)));
-    let promised_arena = promised_arena.transpose()?;
+    let (promised, added) = (promised(args)?, added(args)?);
+    let another = |name: &String| Arena::load(name, &[], (store.clone(), args.threads));
+    let promised_arena = promised.as_ref().map(another).transpose()?;
+    let added_arena = added.as_ref().map(another).transpose()?;
     if let Some(promised) = &promised_arena {
         let (found, wanted) = (promised.names().join(", "), arena.names().join(", "));
         ensure!(
@@ -100,11 +105,23 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
             arena.deployment
         );
     }
+    let new_skills: Vec<String> = added_arena.as_ref().map_or_else(Vec::new, |added| new_in(added, &arena));
+    if let Some(added) = &added_arena {
+        ensure!(
+            new_skills.len() + arena.names().len() == added.names().len() && !new_skills.is_empty(),
+            "deployment `{}`: skills: found {}, wanted those of `{}`, {}, and others",
+            added.deployment,
+            added.names().join(", "),
+            arena.deployment,
+            arena.names().join(", ")
+        );
+    }
     let baseline = Who::Skill(args.baseline.clone());
     let bar = progress::bar("", 0);
     let measuring = Measuring {
         arena: &arena,
         promised: promised_arena.as_ref(),
+        added: added_arena.as_ref(),
         plan: &plan,
         baseline: &baseline,
         out: &args.out,
@@ -115,6 +132,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     bar.finish_and_clear();
 
     let skills = arena.names();
+    let all_skills = added_arena.as_ref().map(Arena::names);
+    let mut palette = palette(&arena, std::slice::from_ref(&baseline));
+    palette.extend(new_skills);
     let roles = findings.roles(&skills).context("no skill is 90 % viable on flat ground")?;
     let evidence = Evidence {
         findings: &findings,
@@ -124,6 +144,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         baseline: &args.baseline,
         deployment: &args.deployment,
         promised: promised.as_deref(),
+        added: added.as_deref().zip(all_skills.as_deref()),
+        palette: &palette,
     };
     let (claims, figures) = (evidence.claims(), figures::figures(&evidence));
     let backend = backend();
@@ -144,7 +166,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     tables::write(&args.out.join("tables"), &evidence, &claims)?;
     pictures::write(&args.out.join("figures"), &figures)?;
     let page = args.out.join("report.html");
-    write(&page, &paper(&summary, &arena, &baseline, findings, figures).html()?)?;
+    write(&page, &paper(&summary, &arena, palette.clone(), findings, figures).html()?)?;
     if args.shared.json {
         output::json(&summary)?;
     } else {
@@ -162,6 +184,21 @@ fn promised(args: &Args) -> anyhow::Result<Option<String>> {
     Ok(Installation::find()?.deployment_file(&name).exists().then_some(name))
 }
 
+/// The deployment with skills added, if there is one.
+fn added(args: &Args) -> anyhow::Result<Option<String>> {
+    if args.added.is_some() {
+        return Ok(args.added.clone());
+    }
+    let name = "anymal_obstacles".to_owned();
+    Ok(Installation::find()?.deployment_file(&name).exists().then_some(name))
+}
+
+/// Skills of a deployment that another does not have, in its order.
+fn new_in(added: &Arena, arena: &Arena) -> Vec<String> {
+    let known = arena.names();
+    added.names().into_iter().filter(|name| !known.contains(name)).map(str::to_owned).collect()
+}
+
 fn write(path: &Path, text: &str) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }
@@ -169,7 +206,7 @@ fn write(path: &Path, text: &str) -> anyhow::Result<()> {
 fn paper(
     summary: &Summary<'_>,
     arena: &Arena,
-    baseline: &Who,
+    palette: Vec<String>,
     findings: Findings,
     figures: Vec<Figure>,
 ) -> Paper {
@@ -208,7 +245,7 @@ fn paper(
             ("Ablations".to_owned(), ablations),
         ],
         courses: findings.runs.into_iter().map(|run| run.packed).collect(),
-        palette: palette(arena, std::slice::from_ref(baseline)),
+        palette,
         field_caption: "Heights around the base as the networks see them, each with ±0.1 m of noise; blue is low.".to_owned(),
         conditions: vec![
             format!("Deployment {}: viability thresholds {}.", summary.deployment, thresholds.join(", ")),

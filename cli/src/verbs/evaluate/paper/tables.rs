@@ -16,6 +16,7 @@ pub(super) fn write(folder: &Path, evidence: &Evidence<'_>, claims: &[Claim]) ->
     table(folder, "success", &findings.success)?;
     table(folder, "mixed", &findings.mixed)?;
     table(folder, "camera", &findings.sights)?;
+    table(folder, "obstacles", &findings.obstacles)?;
     table(folder, "window", &with("window_ticks", &findings.windows)?)?;
     table(folder, "horizon", &with("horizon_m", &findings.horizons)?)?;
     table(folder, "threshold", &with("threshold", &findings.thresholds)?)?;

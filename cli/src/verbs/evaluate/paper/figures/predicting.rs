@@ -89,7 +89,7 @@ pub(super) fn viability(evidence: &Evidence<'_>) -> Figure {
              very same poses see; shaded: one standard deviation. {}",
             conditions(evidence)
         ),
-        legend: skills_legend(evidence),
+        legend: skills_legend(evidence, evidence.skills),
         panels,
         across: 3,
     }
@@ -131,7 +131,7 @@ pub(super) fn cost(evidence: &Evidence<'_>) -> Figure {
              mean prediction on the same fields; shaded: one standard deviation. {}",
             conditions(evidence)
         ),
-        legend: skills_legend(evidence),
+        legend: skills_legend(evidence, evidence.skills),
         panels,
         across: 2,
     }
@@ -144,14 +144,14 @@ fn conditions(evidence: &Evidence<'_>) -> String {
     )
 }
 
-pub(super) fn skills_legend(evidence: &Evidence<'_>) -> Vec<Key> {
+pub(super) fn skills_legend(evidence: &Evidence<'_>, skills: &[&str]) -> Vec<Key> {
     let key = |skill: &&str| Key::Series(Style::series(place(evidence, skill)).points(), (*skill).to_owned());
-    evidence.skills.iter().map(key).collect()
+    skills.iter().map(key).collect()
 }
 
 /// The colour's place of a skill: that of the page's palette.
 pub(super) fn place(evidence: &Evidence<'_>, skill: &str) -> usize {
-    evidence.skills.iter().position(|known| *known == skill).unwrap_or(evidence.skills.len())
+    evidence.palette.iter().position(|known| known == skill).unwrap_or(evidence.palette.len())
 }
 
 fn words(terrain: TerrainKind) -> &'static str {
