@@ -86,6 +86,25 @@ impl SwitchFilter {
     /// the resume window; and that winners who alternate while it stands do not hold it for ever: it leaves with
     /// one that has been viable for twice the window.
     pub fn step(&mut self, choice: Choice, is_viable: impl Fn(usize) -> bool) -> Active {
+        self.count(choice, is_viable);
+        let (run, wanted) = self.agreement();
+        match choice {
+            Choice::Stop if run >= wanted => self.stop(),
+            Choice::Skill(skill) if run >= wanted || self.may_leave_the_stand(skill, 2 * wanted) => {
+                self.take(skill);
+            }
+            _ if self.unviable >= self.windows.stop => match self.steady {
+                Some((skill, ticks)) if 2 * ticks >= self.windows.switch => self.take(skill),
+                _ => self.stop(),
+            },
+            _ => {}
+        }
+        self.active
+    }
+
+    /// One tick in which nothing may change: it counts, and what all of the window agrees on takes effect with
+    /// the first [`step`](Self::step) after.
+    pub fn count(&mut self, choice: Choice, is_viable: impl Fn(usize) -> bool) {
         self.run = if self.last == Some(choice) { self.run.saturating_add(1) } else { 1 };
         self.last = Some(choice);
         self.unviable = match self.active {
@@ -100,19 +119,6 @@ impl SwitchFilter {
             (Choice::Skill(winner), _) if looks_for_another => Some((winner, 1)),
             _ => None,
         };
-        let (run, wanted) = self.agreement();
-        match choice {
-            Choice::Stop if run >= wanted => self.stop(),
-            Choice::Skill(skill) if run >= wanted || self.may_leave_the_stand(skill, 2 * wanted) => {
-                self.take(skill);
-            }
-            _ if self.unviable >= self.windows.stop => match self.steady {
-                Some((skill, ticks)) if 2 * ticks >= self.windows.switch => self.take(skill),
-                _ => self.stop(),
-            },
-            _ => {}
-        }
-        self.active
     }
 
     fn take(&mut self, skill: usize) {

@@ -35,6 +35,8 @@ impl Runtime {
         } else if is_zero(&observation.command) {
             self.force(Forced::ZeroCommand);
         } else if self.is_committed(observation) {
+            let verdicts = &self.decision.skills;
+            self.filter.count(choice, |skill| verdicts[skill].viable);
             self.force(Forced::Committed);
         } else {
             let verdicts = &self.decision.skills;
@@ -268,7 +270,8 @@ mod tests {
 
     #[test]
     fn a_committed_skill_goes_on_unviable_until_its_target_or_its_time() {
-        for (reached, wanted) in [(true, 25), (false, 90)] {
+        // The window has agreed long since.
+        for (reached, wanted) in [(true, 15), (false, 80)] {
             let (climb, mut run) = climbing(true);
             climb.with(|script| script.prediction = Some((0.1, 0.2)));
             let decision = run.ticks(15);
@@ -278,6 +281,15 @@ mod tests {
             let ticks = 15 + run.until("walk");
             assert!((wanted..wanted + 25).contains(&ticks), "{ticks} ticks after its start");
         }
+    }
+
+    #[test]
+    fn a_committed_skill_that_stays_viable_leaves_at_its_target_to_who_has_won_on_the_way() {
+        let (climb, mut run) = climbing(true);
+        climb.with(|script| script.prediction = Some((0.99, 1.5)));
+        assert_eq!(run.ticks(15).active, "climb", "dearer than walking, and half-way");
+        at(&mut run, 1.5);
+        assert_eq!(run.tick().active, "walk");
     }
 
     #[test]
