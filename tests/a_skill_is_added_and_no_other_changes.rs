@@ -48,40 +48,40 @@ fn drive(fixture: &Fixture, [course, size_m]: [&str; 2]) -> (Value, PathBuf) {
     (report, log)
 }
 
-/// Every decision of a log as it is written, without what it says of the skill `added`.
-fn decisions(log: &Path, added: &str) -> Vec<String> {
+/// Every decision of a log as it is written, without what it says of the skills `added`.
+fn decisions(log: &Path, added: &[&str]) -> Vec<String> {
     let log = DecisionLog::read(log).expect("a log");
     assert!(log.truncated.is_none());
     let told = |mut decision: vocaloco_core::decision::Decision| {
-        decision.skills.retain(|skill| skill.name != added);
+        decision.skills.retain(|skill| !added.contains(&skill.name.as_str()));
         // Numbers are written so that other bits are another text.
         serde_json::to_string(&decision).expect("a decision")
     };
     log.decisions.into_iter().map(told).collect()
 }
 
-#[test]
-fn no_file_of_another_skill_changes_and_no_decision_does_until_it_is_viable() {
+/// Adds skills to an installation that drives, and holds it to what it was before.
+fn nothing_else_changes(added: &[&str], add: impl FnOnce(&Fixture)) {
     let fixture = installation();
     let before: Vec<_> = COURSES
         .iter()
         .map(|course| {
             let (report, log) = drive(&fixture, *course);
-            (report, decisions(&log, "stroll"))
+            (report, decisions(&log, added))
         })
         .collect();
     fs::remove_dir_all(fixture.root().join("out")).expect("removed");
     let files = snapshot(fixture.root());
     let built = binaries();
 
-    // The whole addition. Its predictors say that it is never viable, and for nothing.
-    let policy = repository().join("skills/walk_network/policy.onnx");
-    let output =
-        fixture.vocaloco(&["skills", "new", "stroll", "--from"]).arg(policy).output().expect("it runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    fixture.write("skills/stroll/viability.onnx", &constant_model("viability", 0.0));
-    fixture.write("skills/stroll/cot.onnx", &constant_model("cot", 0.01));
-    fixture.alter(DEPLOYMENT, "skills = [", "skills = [\"stroll\", ");
+    // The whole addition. Their predictors say that they are never viable, and for nothing.
+    add(&fixture);
+    for name in added {
+        fixture.write(&format!("skills/{name}/viability.onnx"), &constant_model("viability", 0.0));
+        fixture.write(&format!("skills/{name}/cot.onnx"), &constant_model("cot", 0.01));
+    }
+    let names = added.join("\", \"");
+    fixture.alter(DEPLOYMENT, "skills = [", &format!("skills = [\"{names}\", "));
 
     let after = snapshot(fixture.root());
     let changed: Vec<_> = files.iter().filter(|(path, bytes)| after.get(*path) != Some(*bytes)).collect();
@@ -94,18 +94,23 @@ fn no_file_of_another_skill_changes_and_no_decision_does_until_it_is_viable() {
     let (old, new) = (text(&files), text(&after));
     assert_eq!(old.lines().count(), new.lines().count());
     assert_eq!(old.lines().zip(new.lines()).filter(|(old, new)| old != new).count(), 1, "one line: {new}");
-    let mine = |path: &Path| path.iter().any(|part| part.to_string_lossy().starts_with("stroll"));
-    let strange: Vec<_> = after.keys().filter(|path| !files.contains_key(*path) && !mine(path)).collect();
-    assert!(strange.is_empty(), "new files of the skill alone: {strange:?}");
+    let of_them = |path: &Path| {
+        let mut parts = path.iter().map(|part| part.to_string_lossy());
+        parts.any(|part| added.iter().any(|name| part.split('.').next() == Some(*name)))
+    };
+    let strange: Vec<_> = after.keys().filter(|path| !files.contains_key(*path) && !of_them(path)).collect();
+    assert!(strange.is_empty(), "new files of the skills alone: {strange:?}");
     assert_eq!(built, binaries(), "no plugin and no program is another one");
 
     for (course, (report, decided)) in COURSES.iter().zip(&before) {
         let (now, log) = drive(&fixture, *course);
         let [course, _] = course;
         let setup = DecisionLog::read(&log).expect("a log").setup;
-        assert!(setup.skills.iter().any(|skill| skill.name == "stroll"), "it took part");
+        for name in added {
+            assert!(setup.skills.iter().any(|skill| skill.name == *name), "{name} took part");
+        }
         assert_eq!(now, *report, "{course}: outcome, time, distance, cost and switches");
-        let again = decisions(&log, "stroll");
+        let again = decisions(&log, added);
         for (tick, (again, then)) in again.iter().zip(decided).enumerate() {
             assert!(again == then, "{course}, tick {tick}:\n{then}\n{again}");
         }
@@ -116,8 +121,24 @@ fn no_file_of_another_skill_changes_and_no_decision_does_until_it_is_viable() {
         assert!(drivers.len() > 2, "{course}: skills changed while it drove: {drivers:?}");
     }
 
-    // The comparison can fail: viable and cheapest, it drives.
-    fixture.write("skills/stroll/viability.onnx", &constant_model("viability", 1.0));
+    // The comparison can fail: viable and cheapest, the first drives.
+    fixture.write(&format!("skills/{}/viability.onnx", added[0]), &constant_model("viability", 1.0));
     let (_, log) = drive(&fixture, COURSES[0]);
-    assert_ne!(decisions(&log, "stroll"), before[0].1);
+    assert_ne!(decisions(&log, added), before[0].1);
+}
+
+#[test]
+fn no_file_of_another_skill_changes_and_no_decision_does_until_it_is_viable() {
+    nothing_else_changes(&["stroll"], |fixture| {
+        let policy = repository().join("skills/walk_network/policy.onnx");
+        let output =
+            fixture.vocaloco(&["skills", "new", "stroll", "--from"]).arg(policy).output().expect("it runs");
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    });
+}
+
+/// Skills that go to targets and commit themselves, as they are shipped.
+#[test]
+fn climb_and_gap_are_added_to_what_they_never_touch() {
+    nothing_else_changes(&["climb", "gap"], |fixture| fixture.add_shipped(&["climb", "gap"]));
 }

@@ -8,8 +8,9 @@ use vocaloco_plugin_api::{Command, CommandKind};
 use crate::manifest::SkillManifest;
 use crate::observation::BaseInOdom;
 
-/// A target counts as reached from here on, m, along the way to it.
-const REACHED_M: f32 = 0.05;
+/// A target counts as reached from here on, m, along the way to it: as near as a policy may rest (`near_m` of a
+/// `training.toml`), so that none waits before it for its time to be over.
+const REACHED_M: f32 = 0.15;
 
 /// How far ahead a skill's targets are set, and the time it has for each.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -144,7 +145,7 @@ mod tests {
     #[test]
     fn it_is_over_when_the_way_is_gone_or_the_time() {
         let target = PositionTarget::ahead(&base(0.0, 0.0, 0.0), [0.6, 0.0], 1.5, 6.0, 0.0);
-        assert!(!target.is_over(&base(1.4, 0.3, 0.2), 5.9));
+        assert!(!target.is_over(&base(1.3, 0.3, 0.2), 5.9));
         assert!(target.is_over(&base(1.46, 0.3, 0.2), 5.9), "sideways does not count");
         assert!(target.is_over(&base(0.1, 0.0, 0.0), 6.0));
     }
@@ -154,7 +155,7 @@ mod tests {
         let rule = TargetRule { distance_m: 2.0, time_s: 6.0 };
         let straight = |going, x, now_s| rule.follow(going, &base(x, 0.0, 0.0), [0.6, 0.0], now_s);
         let first = straight(None, 0.0, 0.0);
-        assert_eq!(straight(Some(first), 1.9, 5.9), first, "neither reached nor out of time");
+        assert_eq!(straight(Some(first), 1.8, 5.9), first, "neither reached nor out of time");
         for (x, now_s) in [(1.96, 3.0), (0.5, 6.0)] {
             let next = straight(Some(first), x, now_s);
             close(next.command(&base(x, 0.0, 0.0), [0.0; 3], now_s).target, [2.0, 0.0, 0.0, 6.0]);

@@ -49,6 +49,9 @@ pub(super) struct Variation {
     /// The most viable skill wins, whatever it costs.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub(super) without_cost: bool,
+    /// No skill is committed to its target.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub(super) without_commitment: bool,
 }
 
 /// A skill of the deployment, as results depend on it.
@@ -165,6 +168,7 @@ impl Arena {
             if let Some(threshold) = variation.threshold {
                 skill.rule.viability_threshold = threshold;
             }
+            skill.rule.committed &= !variation.without_commitment;
         }
         if variation.without_cost {
             let costless = |skill: Skill| Skill { predictors: Box::new(Costless(skill.predictors)), ..skill };

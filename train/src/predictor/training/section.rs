@@ -111,11 +111,11 @@ const VIABILITY_LIMITS: &str = "\
 - It knows the terrain kinds and sizes above and nothing else. The check in the file flags a field unlike
   all of them, but not every one: `evaluate novelty` says what it finds.
 - It expects the field's ±10 cm noise, which hides steps of a few centimetres.
-- The label is of one command, 0.6 m/s straight ahead, over 1.5 m in 4 s.
+- The label is of one command straight ahead, over the horizon and in the time of the configuration above.
 ";
 
 const COT_LIMITS: &str = "\
 - Fitted to rollouts that reached the horizon: where the skill fails it says nothing, and is not asked.
 - Its answer is not bounded; one that is not positive is refused at run time.
-- It is the positive work of one rollout of 0.6 m/s over 1.5 m, the first 0.5 s left out.
+- It is the positive work of one rollout over the horizon of the configuration above, the first 0.5 s left out.
 ";

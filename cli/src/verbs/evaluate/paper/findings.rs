@@ -42,7 +42,7 @@ pub(super) struct Findings {
     pub(super) thresholds: Vec<(f32, SuccessRow)>,
     /// By what the predictors see.
     pub(super) sights: Vec<SuccessRow>,
-    /// The course of obstacles: with the skills added for it, without them, and the baseline.
+    /// The course of obstacles: with the skills added for it, committed and free, without them, and the baseline.
     pub(super) obstacles: Vec<SuccessRow>,
     /// Courses with every tick.
     pub(super) runs: Vec<Recorded>,
@@ -129,7 +129,7 @@ impl Measuring<'_> {
             + both * sizes * selectors * plan.rollouts
             + self.promised.map_or(0, |_| both * sizes * plan.promised_rollouts)
             + plan.mixed_sizes_m.len() as u64 * selectors * plan.rollouts
-            + self.added.map_or(0, |_| 3 * plan.rollouts)
+            + self.added.map_or(0, |_| 4 * plan.rollouts)
             + ablations
     }
 
@@ -223,21 +223,22 @@ impl Measuring<'_> {
         Ok(rows)
     }
 
-    /// The course of obstacles: with the skills added for it, without them, and the baseline.
+    /// The course of obstacles: with the skills added for it, committed and free, without them, and the baseline.
     fn obstacles(&self) -> anyhow::Result<Vec<SuccessRow>> {
         let Some(added) = self.added else { return Ok(Vec::new()) };
         let kind = CourseKind::Obstacles;
-        let config =
-            CourseConfig { steps: self.plan.demo_steps, ..self.config(kind, kind.demo_size_m()) };
+        let config = CourseConfig { steps: self.plan.demo_steps, ..self.config(kind, kind.demo_size_m()) };
         let baseline = self.baseline.to_string();
+        let free = Variation { without_commitment: true, ..Variation::default() };
         let mut rows = Vec::new();
-        for (arena, who, selector) in [
-            (added, Who::Vocaloco, ADDED),
-            (self.arena, Who::Vocaloco, "vocaloco"),
-            (self.arena, self.baseline.clone(), &baseline),
+        for (arena, who, variation, selector) in [
+            (added, Who::Vocaloco, Variation::default(), ADDED),
+            (added, Who::Vocaloco, free, FREE),
+            (self.arena, Who::Vocaloco, Variation::default(), "vocaloco"),
+            (self.arena, self.baseline.clone(), Variation::default(), &baseline),
         ] {
             self.bar.set_message(format!("{selector} on {}", config.kind.id()));
-            let chosen = (&who, Variation::default());
+            let chosen = (&who, variation);
             let mut row =
                 arena.row(&config, self.plan.rollouts, chosen, self.plan.samples, &|n| self.bar.inc(n))?;
             selector.clone_into(&mut row.selector);
@@ -407,6 +408,9 @@ pub(super) const PROMISED: &str = "vocaloco with promised thresholds";
 
 /// The deployment with skills added for the course of obstacles.
 pub(super) const ADDED: &str = "vocaloco with skills added";
+
+/// The same, where every skill may be stopped half-way.
+pub(super) const FREE: &str = "vocaloco with skills added, none committed";
 
 /// The selector whose cost is the chance of failure.
 pub(super) const WITHOUT_COST: &str = "vocaloco without cost";

@@ -2,7 +2,7 @@
 
 use vocaloco_sim::{course::SuccessRow, terrain::CourseKind};
 
-use super::super::findings::ADDED;
+use super::super::findings::{ADDED, FREE};
 use super::{Claim, Evidence, Verdict, percent};
 
 /// The course is traversed when this share reaches its end.
@@ -16,21 +16,24 @@ impl Evidence<'_> {
             return Self::unmeasured("new_skills", words, why, self.plan.seed);
         };
         let of = |selector: &str| self.findings.obstacles.iter().find(|row| row.selector == selector);
-        let (ours, before) = (of(ADDED), of("vocaloco"));
+        let ours = of(ADDED);
         let new: Vec<&str> = skills.iter().copied().filter(|name| !self.skills.contains(name)).collect();
         Claim {
             id: "new_skills",
             words: words.to_owned(),
             by: "paper",
             ours: format!(
-                "with {} added to a deployment: {}; without: {}; {} alone: {}",
+                "with {} added to a deployment: {}; the same without commitment: {}; without them: {}; {} alone: {}",
                 new.join(" and "),
                 told(ours),
-                told(before),
+                told(of(FREE)),
+                told(of("vocaloco")),
                 self.baseline,
                 told(of(&self.baseline_selector()))
             ),
-            verdict: Verdict::of(ours.is_some_and(|row| row.reached >= REACHED && row.crashed <= row.stopped)),
+            verdict: Verdict::of(
+                ours.is_some_and(|row| row.reached >= REACHED && row.crashed <= row.stopped),
+            ),
             why: format!(
                 "Agrees when at least {} reach the end and of the rest no more crash than stop. That no file of another skill changed \
                  is held by a test, tests/a_skill_is_added_and_no_other_changes.rs.",
