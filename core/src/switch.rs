@@ -82,7 +82,8 @@ impl SwitchFilter {
     ///
     /// # Source
     /// Wu et al. (2025), selection step 5. Our own: that an active skill unviable for the stop window is left
-    /// whatever the choices do, for a winner that has been viable for half the switch window, else for the stand;
+    /// whatever the choices do, for a winner that has been viable for half the switch window, else for the stand,
+    /// which a winner of the last moment puts off by at most that half;
     /// the resume window; and that winners who alternate while it stands do not hold it for ever: it leaves with
     /// one that has been viable for twice the window.
     pub fn step(&mut self, choice: Choice, is_viable: impl Fn(usize) -> bool) -> Active {
@@ -95,6 +96,7 @@ impl SwitchFilter {
             }
             _ if self.unviable >= self.windows.stop => match self.steady {
                 Some((skill, ticks)) if 2 * ticks >= self.windows.switch => self.take(skill),
+                Some(_) if 2 * (self.unviable - self.windows.stop) < self.windows.switch => {}
                 _ => self.stop(),
             },
             _ => {}
@@ -242,7 +244,8 @@ mod tests {
     #[test]
     fn alternating_winners_still_stop() {
         let mut filter = walking(10);
-        for tick in 1..10 {
+        // Half a window later than if nothing had won.
+        for tick in 1..15 {
             let choice = if tick % 2 == 0 { ASCEND } else { DESCEND };
             assert_eq!(filter.step(choice, |_| false), Active::Skill(0), "tick {tick}");
         }
@@ -264,15 +267,18 @@ mod tests {
     }
 
     #[test]
-    fn a_winner_of_the_last_moment_does_not_save_from_a_stop() {
-        let mut filter = walking(10);
-        for _ in 1..7 {
-            filter.step(Choice::Stop, |_| false);
+    fn a_winner_of_the_last_moment_saves_from_a_stop_only_if_it_goes_on_winning() {
+        for (goes_on, wanted) in [(true, Active::Skill(1)), (false, Active::Stand)] {
+            let mut filter = walking(10);
+            for _ in 1..8 {
+                filter.step(Choice::Stop, |_| false);
+            }
+            for _ in 8..12 {
+                assert_eq!(filter.step(ASCEND, |skill| skill == 1), Active::Skill(0));
+            }
+            let last = if goes_on { ASCEND } else { Choice::Stop };
+            assert_eq!(filter.step(last, |skill| goes_on && skill == 1), wanted);
         }
-        for _ in 7..10 {
-            assert_eq!(filter.step(ASCEND, |skill| skill == 1), Active::Skill(0));
-        }
-        assert_eq!(filter.step(ASCEND, |skill| skill == 1), Active::Stand);
     }
 
     #[test]

@@ -52,7 +52,7 @@ impl Runtime {
     }
 
     /// What a skill is told: the command, or the way to its target, which is set when it begins or has got
-    /// there. Only a skill that is viable commits itself to another.
+    /// there. Only a skill that would be chosen again commits itself to another.
     fn command(&mut self, skill: usize, observation: &Observation, begins: bool) -> Command {
         let (asked, now_s) = (observation.command, observation.t_s);
         let rule = &self.selector.rules()[skill];
@@ -70,7 +70,7 @@ impl Runtime {
                 rule.time_limit_s,
                 now_s,
             ),
-            binds: rule.committed && (begins || self.decision.skills[skill].viable),
+            binds: rule.committed && (begins || self.decision.choice == rule.name),
         });
         self.targets[skill] = Some(way);
         way.target.command(&base, asked.velocity, now_s)
