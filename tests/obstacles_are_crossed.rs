@@ -45,7 +45,17 @@ fn climb_gets_onto_half_a_metre_and_gap_over_it() {
 fn rolled_out(deployment: &str, rollouts: u64) -> Value {
     let store = tempfile::tempdir().expect("a temporary folder");
     let output = Command::new(plugin_folder().join("vocaloco"))
-        .args(["evaluate", "success", "--course", "obstacles", "--steps", "3", "--json", "--deployment", deployment])
+        .args([
+            "evaluate",
+            "success",
+            "--course",
+            "obstacles",
+            "--steps",
+            "3",
+            "--json",
+            "--deployment",
+            deployment,
+        ])
         .args(["--rollouts", &rollouts.to_string(), "--seed", "78", "--store"])
         .arg(store.path())
         .env("VOCALOCO_ROOT", vocaloco_tests::repository())
