@@ -18,3 +18,23 @@ fn a_deployments_threshold_stands_in_for_its_skills_own() {
     fixture.alter("manifests/deployments/two.toml", "robot", "viability_thresholds = { last = 0.98 }\nrobot");
     assert_eq!(thresholds(&fixture), [0.9, 0.98]);
 }
+
+#[test]
+fn deployments_that_cannot_be_compared_are_refused_before_anything_is_measured() {
+    let out = tempfile::tempdir().expect("a temporary folder");
+    for (flag, name) in [("--promised", "anymal_obstacles"), ("--added", "anymal_stairs_promised")] {
+        let output = std::process::Command::new(vocaloco_tests::plugin_folder().join("vocaloco"))
+            .args(["evaluate", "all", "--quick", flag, name, "--out"])
+            .arg(out.path())
+            .env("VOCALOCO_ROOT", vocaloco_tests::repository())
+            .env("VOCALOCO_PLUGIN_PATH", vocaloco_tests::plugin_folder())
+            .output()
+            .expect("the evaluation starts");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{flag}: {error}");
+        let named = error.contains(&format!("deployment `{name}`: skills: found walk, ascend_network"));
+        assert!(named && error.contains("wanted"), "{flag}: {error}");
+    }
+    let measured = std::fs::read_dir(out.path().join("measured")).map_or(0, Iterator::count);
+    assert_eq!(measured, 0, "results");
+}

@@ -93,6 +93,7 @@ impl Replayer {
             predictions.extend((0..rules.len()).map(|skill| predict(decision, skill)));
             let [forward, left, yaw_rate] = decision.command;
             choice = selector.choose(predictions, &Command::velocity(forward, left, yaw_rate), reasons);
+            let viable = |skill: usize| matches!(reasons.get(skill), Some(Reason::Viable { .. }));
             let verdict = match filter.active() {
                 Active::Skill(skill) => reasons.get(skill).copied(),
                 Active::Stand => None,
@@ -101,19 +102,16 @@ impl Replayer {
                 filter.stop_now();
                 choice = Choice::Stop;
             } else if forced == Some(Forced::Committed) {
-                // It went on, whatever was chosen.
+                filter.count(choice, viable);
             } else if forced == Some(Forced::ZeroCommand) {
                 filter.stand_now();
-            } else {
-                let viable = |skill: usize| matches!(reasons.get(skill), Some(Reason::Viable { .. }));
-                if let Active::Skill(skill) = filter.step(choice, viable)
-                    && let Some(why @ (Reason::PluginFailed | Reason::TooSlow)) =
-                        decision.skills.get(skill).map(|then| then.reason)
-                {
-                    selector.retire(skill, why);
-                    filter.stop_now();
-                    choice = Choice::Stop;
-                }
+            } else if let Active::Skill(skill) = filter.step(choice, viable)
+                && let Some(why @ (Reason::PluginFailed | Reason::TooSlow)) =
+                    decision.skills.get(skill).map(|then| then.reason)
+            {
+                selector.retire(skill, why);
+                filter.stop_now();
+                choice = Choice::Stop;
             }
         }
         let name = |skill: usize| rules[skill].name.clone();

@@ -182,7 +182,7 @@ impl Course {
         let [wall_m, gap_m] = [2, 3].map(|index: usize| self.obstacles()[index].edges_m);
         let before_the_gap = tile::across(map, map.min_m[0], gap_m[0]);
         let mut solids = self.up_and_down(map, before_the_gap);
-        solids.push(tile::block(map, self.size_m + GAP_FLOOR_M));
+        solids.push(tile::block(tile::across(map, gap_m[0], gap_m[1]), self.size_m + GAP_FLOOR_M));
         solids.push(tile::block(tile::across(map, wall_m[0], gap_m[0]), self.size_m));
         solids.push(tile::block(tile::across(map, gap_m[1], map.max_m[0]), self.size_m));
         solids
@@ -255,6 +255,13 @@ mod tests {
         );
         assert!((gap.edges_m[0] - wall.edges_m[1] - FLAT_M).abs() < 1e-5);
         assert!((obstacles.far_flat_from_m() - gap.edges_m[1]).abs() < 1e-5);
+    }
+
+    #[test]
+    fn however_high_the_wall_the_way_to_it_stays_where_it_is() {
+        let obstacles = course(CourseKind::Obstacles, 2.0);
+        let gap_m = obstacles.obstacles()[3].edges_m;
+        assert_heights(obstacles, &[(1.0, 0.0), (FLAT_M + 0.01, 0.12), (gap_m[0] + 0.01, 2.0 + GAP_FLOOR_M)]);
     }
 
     #[test]

@@ -66,3 +66,18 @@ impl ArenaArgs {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_names_the_sizes_unless_courses_have_each_their_own() {
+        use CourseKind::{Obstacles, StairsUp};
+        let flag = |courses: &[CourseKind], given_m: &[f32]| courses_flag(courses, given_m, &[0.1, 0.2]);
+        assert_eq!(flag(&[StairsUp], &[]), "--course stairs_up --size-m 0.1,0.2");
+        assert_eq!(flag(&[Obstacles], &[]), "--course obstacles --size-m 0.5");
+        assert_eq!(flag(&[StairsUp, Obstacles], &[]), "--course stairs_up,obstacles");
+        assert_eq!(flag(&[StairsUp, Obstacles], &[0.3]), "--course stairs_up,obstacles --size-m 0.3");
+    }
+}

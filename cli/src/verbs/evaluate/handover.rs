@@ -61,13 +61,16 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     ensure!(args.samples > 0, "--samples: found 0, wanted 1 or more");
     let noise_m = args.patch_noise_m;
     ensure!((0.0..=1.0).contains(&noise_m), "--patch-noise-m: found {noise_m}, wanted 0 to 1");
+    let course = args.course.id();
+    let has_one_flight = matches!(args.course, CourseKind::StairsUp | CourseKind::StairsDown);
+    ensure!(has_one_flight, "--course: found {course}, wanted stairs_up or stairs_down");
     for size_m in &args.size_m {
         ensure!((0.0..=1.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 1");
     }
     let from = Rolled::load(&args.robot, &args.from)?;
     let to = Rolled::load(&args.robot, &args.to)?;
     let skills = [&from.skill, &to.skill];
-    let what = format!("{} to {} on {}", args.from, args.to, args.course.id());
+    let what = format!("{} to {} on {}", args.from, args.to, course);
     let bar = progress::bar(&what, args.samples * args.size_m.len() as u64);
     let rows = args.size_m.iter().map(|size_m| {
         let query = HandoverQuery {

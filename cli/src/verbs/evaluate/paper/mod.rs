@@ -303,6 +303,8 @@ fn command(args: &Args) -> String {
     }
     words.extend(args.rollouts.map(|rollouts| format!("--rollouts {rollouts}")));
     words.extend(args.samples.map(|samples| format!("--samples {samples}")));
+    words.extend(args.promised.as_ref().map(|name| format!("--promised {name}")));
+    words.extend(args.added.as_ref().map(|name| format!("--added {name}")));
     words.push(format!(
         "--deployment {} --baseline {} --seed {}",
         args.deployment, args.baseline, args.shared.seed
