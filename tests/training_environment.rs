@@ -13,7 +13,7 @@ use vocaloco_sim::{
         speed::{Actor, measure},
     },
     rollout::RolledSkill,
-    terrain::TerrainKind,
+    terrain::{Terrain, TerrainKind},
 };
 use vocaloco_tests::{plugin_folder, repository, shipped};
 use vocaloco_train::policy_learning::run::load_expert;
@@ -25,27 +25,30 @@ fn robot() -> Arc<RobotModel> {
 /// The shipped walk on flat ground, sensor noise and variation as in training, no pushes.
 fn ground() -> &'static Arc<TrainingGround> {
     static GROUND: OnceLock<Arc<TrainingGround>> = OnceLock::new();
-    GROUND.get_or_init(|| {
-        let robot = robot();
-        let library = PluginLibrary::open(&[plugin_folder().to_owned()], "gait").expect("the plugin loads");
-        let parameters =
-            std::fs::read_to_string(repository().join("skills/walk/gait.toml")).expect("the shipped walk");
-        let walk = RolledSkill::new("walk", library, &parameters, &robot).expect("sound parameters");
-        let config = EnvironmentConfig {
-            levels: 1,
-            variants: 1,
-            poses: 2,
-            initial_level: 0,
-            terrain: vec![TerrainShare::new(TerrainKind::Flat, 1.0, [0.0, 0.0])],
-            experts: BTreeMap::from([(TerrainKind::Flat, "walk".to_owned())]),
-            start: StartRules { moving_share: 0.0, ..StartRules::default() },
-            push: PushRules { speed_m_per_s: [0.0, 0.0], ..PushRules::default() },
-            latency_ticks: [0, 0],
-            ..EnvironmentConfig::default()
-        };
-        let experts = BTreeMap::from([("walk".to_owned(), walk)]);
-        Arc::new(TrainingGround::new(config, &robot, &experts, 3).expect("a sound configuration"))
-    })
+    GROUND.get_or_init(|| ground_of(TerrainShare::new(TerrainKind::Flat, 1.0, [0.0, 0.0])))
+}
+
+/// The same on other terrain.
+fn ground_of(terrain: TerrainShare) -> Arc<TrainingGround> {
+    let robot = robot();
+    let library = PluginLibrary::open(&[plugin_folder().to_owned()], "gait").expect("the plugin loads");
+    let parameters =
+        std::fs::read_to_string(repository().join("skills/walk/gait.toml")).expect("the shipped walk");
+    let walk = RolledSkill::new("walk", library, &parameters, &robot).expect("sound parameters");
+    let config = EnvironmentConfig {
+        levels: 1,
+        variants: 1,
+        poses: 2,
+        initial_level: 0,
+        terrain: vec![terrain],
+        experts: BTreeMap::from([(terrain.kind, "walk".to_owned())]),
+        start: StartRules { moving_share: 0.0, ..StartRules::default() },
+        push: PushRules { speed_m_per_s: [0.0, 0.0], ..PushRules::default() },
+        latency_ticks: [0, 0],
+        ..EnvironmentConfig::default()
+    };
+    let experts = BTreeMap::from([("walk".to_owned(), walk)]);
+    Arc::new(TrainingGround::new(config, &robot, &experts, 3).expect("a sound configuration"))
 }
 
 #[test]
@@ -157,4 +160,27 @@ fn speed_is_measured_with_and_without_an_expert() {
     for speed in [zero, expert] {
         assert!(speed.steps_per_s > 0.0 && speed.physics_steps_per_s > 0.0 && speed.overhead_us.is_finite());
     }
+}
+
+#[test]
+fn a_led_episode_begins_in_stride_at_the_asked_distance_and_is_otherwise_an_episode_like_any() {
+    let share = TerrainShare::new(TerrainKind::Gap, 1.0, [0.2, 0.2]);
+    let led = TerrainShare { start_before_m: Some([1.2, 1.5]), led_to_m: Some([0.5, 0.7]), ..share };
+    let ground = ground_of(led);
+    let mut speeds = Vec::new();
+    for index in 0..4 {
+        let environment = Environment::new(&ground, index);
+        let measured = environment.plant().measure();
+        // The edge of one gap lies where that of any other does.
+        let edge_m = Terrain::tile(TerrainKind::Gap, 0.2, 1).obstacle_x_m.expect("a gap is directed");
+        let before_m = edge_m - measured.base.position_m[0];
+        assert!((0.45..=0.75).contains(&before_m), "environment {index}: {before_m} m before");
+        assert!(!measured.base_contact, "environment {index}");
+        let [x, y, _] = measured.base.vector_in_world(measured.base_linear_velocity);
+        speeds.push(x.hypot(y));
+        let mut again = Environment::new(&ground, index);
+        again.restart(0, 0);
+        assert!(again.plant().measure() == measured, "environment {index} repeats");
+    }
+    assert!(speeds.iter().all(|speed| *speed > 0.2), "it walks: {speeds:?} m/s");
 }

@@ -81,12 +81,19 @@ pub struct TerrainShare {
     /// Length of a wall's top along the way, least and most, m; by default the collection's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub depth_m: Option<[f32; 2]>,
+    /// Starts only this far before the obstacle, least and most, m; by default as `spawn` says.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub start_before_m: Option<[f32; 2]>,
+    /// From farther away the terrain's expert walks the robot up to this far before the obstacle, least and
+    /// most, m, and the episode begins in the midst of its stride, as after another skill; none from the stand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub led_to_m: Option<[f32; 2]>,
 }
 
 impl TerrainShare {
-    /// A terrain as deep as the collection's.
+    /// A terrain as deep as the collection's, begun from the stand.
     pub fn new(kind: TerrainKind, share: f32, size_m: [f32; 2]) -> Self {
-        Self { kind, share, size_m, depth_m: None }
+        Self { kind, share, size_m, depth_m: None, start_before_m: None, led_to_m: None }
     }
 }
 
@@ -278,6 +285,15 @@ impl EnvironmentConfig {
                 }
                 Some(depth_m) => ordered(field, depth_m, 0.5..=10.0)?,
                 None => {}
+            }
+            for (field, range) in [("start_before_m", terrain.start_before_m), ("led_to_m", terrain.led_to_m)]
+            {
+                ordered(format!("terrain[{index}].{field}"), range.unwrap_or_default(), 0.0..=3.0)?;
+            }
+            if terrain.led_to_m.is_some() && !self.experts.contains_key(&terrain.kind) {
+                let (field, kind) = (format!("terrain[{index}].led_to_m"), terrain.kind);
+                let wanted = format!("an expert of {kind} among `experts`, to lead there");
+                return Err(ConfigError::new(field, "a distance", wanted));
             }
         }
         self.reward.check()

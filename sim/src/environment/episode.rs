@@ -19,6 +19,8 @@ pub(super) struct Episode {
     pub(super) target: Option<TargetRule>,
     /// Forward velocity that the base starts with, m/s.
     pub(super) start_m_per_s: f32,
+    /// How far before the obstacle an expert hands over, m; none begins from the stand.
+    pub(super) led_to_m: Option<f32>,
     /// Where in its cycle an expert starts, 0 to 1.
     pub(super) phase: f32,
     /// Ticks until time is up.
@@ -33,9 +35,9 @@ pub(super) struct Episode {
 const LEAST_TICKS: u32 = 25;
 
 impl Episode {
-    /// Draws an episode; the `first` of a segment has a random part of the time, so that not all
-    /// environments time out together.
-    pub(super) fn draw(config: &EnvironmentConfig, first: bool, mut rng: ChaCha8Rng) -> Self {
+    /// Draws an episode on an entry of the mix; the `first` of a segment has a random part of the time, so that
+    /// not all environments time out together.
+    pub(super) fn draw(config: &EnvironmentConfig, terrain: usize, first: bool, mut rng: ChaCha8Rng) -> Self {
         let mut within = |[low, high]: [f32; 2]| uniform(&mut rng, low, high);
         let mut choice = |count: u32| (within([0.0, count as f32]) as u32).min(count - 1);
         let (variant, pose) = (choice(config.variants), choice(config.poses) as usize);
@@ -60,6 +62,7 @@ impl Episode {
         let all = (f64::from(all_s) / TICK_S).round() as u32;
         let share = within([0.0, 1.0]);
         let ticks = if first { ((share * all as f32) as u32).clamp(LEAST_TICKS, all) } else { all };
+        let led_to_m = config.terrain[terrain].led_to_m.map(&mut within);
         let mut episode = Self {
             variant,
             pose,
@@ -72,6 +75,7 @@ impl Episode {
             },
             target: way.map(|[distance_m, _]| TargetRule { distance_m, time_s: f64::from(ticks) * TICK_S }),
             start_m_per_s,
+            led_to_m,
             phase,
             ticks,
             push_tick: 0,
@@ -108,7 +112,7 @@ mod tests {
 
     fn episodes(first: bool) -> Vec<Episode> {
         let config = EnvironmentConfig::default();
-        (0..2000).map(|index| Episode::draw(&config, first, stream(3, "episode", &[index]))).collect()
+        (0..2000).map(|index| Episode::draw(&config, 0, first, stream(3, "episode", &[index]))).collect()
     }
 
     #[test]
@@ -142,7 +146,7 @@ mod tests {
     #[test]
     fn pushes_come_again_and_again_within_their_speed() {
         let config = EnvironmentConfig::default();
-        let mut episode = Episode::draw(&config, false, stream(1, "episode", &[]));
+        let mut episode = Episode::draw(&config, 0, false, stream(1, "episode", &[]));
         let mut ticks = Vec::new();
         for tick in 0..2000 {
             if let Some([x, y, z]) = episode.push_at(tick, &config) {

@@ -19,7 +19,7 @@ use crate::{
     driver::TICK_S,
     plant::{Plant, PlantKind},
     rollout::RolledSkill,
-    spawn::{NoValidPose, Spawn, Spawner},
+    spawn::{NoValidPose, Spawn, SpawnRules, Spawner},
     stream::{derived_seed, stream, uniform},
     terrain::{Terrain, TerrainKind, WALL_DEPTH_M},
 };
@@ -213,7 +213,11 @@ fn build_stages(
     seed: u64,
 ) -> Result<Vec<Stage>, NoValidPose> {
     let EnvironmentConfig { levels, variants, poses, plant, .. } = *config;
-    let spawner = Spawner::new(robot, config.spawn);
+    let spawner_of = |share: &TerrainShare| {
+        let start_before_m = share.start_before_m.or(config.spawn.start_before_m);
+        Spawner::new(robot, SpawnRules { start_before_m, ..config.spawn })
+    };
+    let spawners: Vec<Spawner> = config.terrain.iter().map(spawner_of).collect();
     let places = (0..config.terrain.len() as u32 * levels * variants).into_par_iter();
     places
         .map(|place| {
@@ -223,7 +227,8 @@ fn build_stages(
             let mut rng = stream(seed, "environment/size", &index);
             let step = level as f32 + (variant as f32 + uniform(&mut rng, 0.0, 1.0)) / variants as f32;
             let share = config.terrain[terrain as usize];
-            Stage::build(robot, &spawner, (share, step / levels as f32), (seed, index), poses, plant)
+            let spawner = &spawners[terrain as usize];
+            Stage::build(robot, spawner, (share, step / levels as f32), (seed, index), poses, plant)
         })
         .collect()
 }

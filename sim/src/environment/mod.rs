@@ -8,6 +8,7 @@ mod config;
 mod curriculum;
 mod episode;
 mod ground;
+mod lead;
 mod mirror;
 mod reward;
 mod shadow;
@@ -38,6 +39,7 @@ use crate::{
     latency::Latency,
     plant::{BasePose, Plant},
     rollout::Path,
+    spawn::Spawn,
     stream::{stream, uniform},
     terrain::TerrainKind,
 };
@@ -113,7 +115,12 @@ impl Environment {
             level: 0,
             segment: 0,
             episodes: 0,
-            episode: Episode::draw(&ground.config, true, stream(ground.seed, "environment/episode", &[])),
+            episode: Episode::draw(
+                &ground.config,
+                terrain,
+                true,
+                stream(ground.seed, "environment/episode", &[]),
+            ),
             tick: 0,
             end: None,
             path: Path::from(&stage.spawns[0].base),
@@ -231,23 +238,13 @@ impl Environment {
     /// It keeps its own time as long as it is asked in every tick, whoever drives; after a tick in which
     /// it was not asked it starts anew.
     pub fn expert_action(&mut self, action: &mut [f32]) -> bool {
-        let ground = Arc::clone(&self.ground);
-        if self.shadow.is_none() {
-            let Some(skill) = ground.experts.get(&self.kind()) else { return false };
-            let rng = self.stream("environment/expert");
-            let noise_m = ground.config.expert_patch_noise_m;
-            self.shadow = Shadow::new(skill, self.episode.phase, &ground.robot, noise_m, rng);
-        }
-        let Some(shadow) = &mut self.shadow else { return false };
-        let measured = self.plant.measure();
-        let terrain = &ground.stage(self.terrain, self.level, self.episode.variant).terrain;
-        let state = self.views.sensed(f64::from(self.tick) * TICK_S);
-        let told = tick::for_an_expert(&self.command);
-        let Some(targets) = shadow.targets(self.tick, &state, &told, terrain, &measured.base) else {
+        if !self.ask_expert() {
             return false;
-        };
+        }
+        let Some(targets) = self.shadow.as_ref().and_then(Shadow::latest) else { return false };
+        let measured = self.plant.measure();
         let (q, qd) = (&measured.joint_position_rad, &measured.joint_velocity_rad_per_s);
-        ground.action_map.action_of(targets, q, qd, action);
+        self.ground.action_map.action_of(targets, q, qd, action);
         true
     }
 
@@ -287,26 +284,47 @@ impl Environment {
 
     fn start_episode(&mut self) {
         let ground = Arc::clone(&self.ground);
-        let config = &ground.config;
-        self.episode = Episode::draw(config, self.episodes == 0, self.stream("environment/episode"));
+        let rng = self.stream("environment/episode");
+        self.episode = Episode::draw(&ground.config, self.terrain, self.episodes == 0, rng);
         let stage = ground.stage(self.terrain, self.level, self.episode.variant);
         let spawn = &stage.spawns[self.episode.pose];
-        self.plant.restore(&spawn.snapshot);
-        self.plant.vary(&self.episode.variation);
-        self.plant.reset_work();
-        self.path = Path::from(&spawn.base);
-        let ahead = |rule: vocaloco_core::target::TargetRule| {
-            rule.follow(None, &BaseInOdom::from(&spawn.base), [self.episode.rules.forward_m_per_s, 0.0], 0.0)
-        };
-        self.target = self.episode.target.map(ahead);
-        (self.base_contact_ticks, self.base_has_touched) = (0, false);
+        self.set_down(spawn);
+        if let Some(before_m) = self.episode.led_to_m
+            && let Some(obstacle_m) = stage.terrain.obstacle_x_m
+        {
+            if self.is_led_to(obstacle_m - before_m) {
+                let base = self.plant.measure().base;
+                return self.begin_at(&base);
+            }
+            self.set_down(spawn);
+        }
         if self.episode.start_m_per_s > 0.0 {
             let level = BasePose::from_yaw([0.0; 3], spawn.base.yaw());
             self.plant.push(level.vector_in_world([self.episode.start_m_per_s, 0.0, 0.0]));
         }
+        self.begin_at(&spawn.base);
+    }
+
+    /// A settled robot, as it is in this episode.
+    fn set_down(&mut self, spawn: &Spawn) {
+        self.plant.restore(&spawn.snapshot);
+        self.plant.vary(&self.episode.variation);
+    }
+
+    /// Tick 0 of the episode, wherever the plant is; path and target lead away from `base`.
+    fn begin_at(&mut self, base: &BasePose) {
+        let ground = Arc::clone(&self.ground);
+        self.plant.reset_work();
+        self.path = Path::from(base);
+        let forward_m_per_s = self.episode.rules.forward_m_per_s;
+        self.target = self
+            .episode
+            .target
+            .map(|rule| rule.follow(None, &BaseInOdom::from(base), [forward_m_per_s, 0.0], 0.0));
+        (self.base_contact_ticks, self.base_has_touched) = (0, false);
         let joints = &self.plant.measure().joint_position_rad;
         self.latency = Latency::new(self.episode.latency_ticks as usize, &ground.robot, joints);
-        self.views.reset(config.noise, self.episode.phase, self.stream("environment/sensors"));
+        self.views.reset(ground.config.noise, self.episode.phase, self.stream("environment/sensors"));
         self.last_action.fill(0.0);
         self.air_time_s.fill(0.0);
         self.shadow = None;

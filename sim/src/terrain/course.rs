@@ -1,7 +1,11 @@
 //! The evaluation courses: flat, stairs, flat; one that goes up and down again; and one with every obstacle.
 
-use super::{Area, GAP_FLOOR_M, Solid, TREAD_M, Terrain, TerrainKind, tile};
+use std::str::FromStr;
+
 use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::{Area, GAP_FLOOR_M, Solid, TREAD_M, Terrain, TerrainKind, tile};
 
 /// Length of every flat of a course, before, between and after obstacles, m.
 pub const FLAT_M: f32 = 3.0;
@@ -40,11 +44,6 @@ impl CourseKind {
         }
     }
 
-    /// The course with this id, if there is one.
-    pub fn from_id(id: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.id() == id)
-    }
-
     /// Its size in the demo: the paper's steps of 12 cm, and a wall and a gap of half a metre.
     pub const fn demo_size_m(self) -> f32 {
         match self {
@@ -62,6 +61,19 @@ impl CourseKind {
             Self::Mixed => &[StairsUp, StairsDown],
             Self::Obstacles => &[StairsUp, StairsDown, Wall, Gap],
         }
+    }
+}
+
+/// No course has this id.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("found {0:?}, wanted one of {ids}", ids = CourseKind::ALL.map(CourseKind::id).join(" "))]
+pub struct UnknownCourse(String);
+
+impl FromStr for CourseKind {
+    type Err = UnknownCourse;
+
+    fn from_str(id: &str) -> Result<Self, UnknownCourse> {
+        Self::ALL.into_iter().find(|kind| kind.id() == id).ok_or_else(|| UnknownCourse(id.to_owned()))
     }
 }
 

@@ -12,7 +12,7 @@ mod tile;
 #[cfg(test)]
 mod tests;
 
-pub use course::{COURSE_WIDTH_M, Course, CourseKind, FLAT_M, OBSTACLES_RISE_M, Obstacle};
+pub use course::{COURSE_WIDTH_M, Course, CourseKind, FLAT_M, OBSTACLES_RISE_M, Obstacle, UnknownCourse};
 pub use sensing::Vantage;
 pub use solid::Solid;
 

@@ -22,6 +22,8 @@ pub struct DataSet {
     pub samples: Vec<Sample>,
     /// Rows in the files that are not fitted.
     pub left_out: usize,
+    /// Most rollouts of a row.
+    pub repeats: u32,
     /// Seed of its rows.
     pub seed: u64,
     /// The skill as it was rolled out: plugin, parameters, policy.
@@ -67,6 +69,7 @@ impl DataSet {
         let sha256 = dataset::sha256(&folder)?;
         Ok(Self {
             robot: set.meta.robot.name.clone(),
+            repeats: set.rollouts.iter().copied().max().unwrap_or(0),
             seed: set.meta.config.seed,
             skill: set.meta.skill.clone(),
             collected_by: collected_by(&set)?,

@@ -16,7 +16,6 @@ use vocaloco_sim::{
 use super::arena::{Arena, Variation};
 use super::arena_args::{ArenaArgs, courses_flag, sizes_m};
 use super::store::Store;
-use super::success::parse_course;
 use super::who::Who;
 use crate::report::{PackedCourse, Report, Story, path, told};
 use crate::{exit::Exit, output, progress, verbs::Shared};
@@ -28,7 +27,7 @@ use crate::{exit::Exit, output, progress, verbs::Shared};
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Courses: `stairs_up`, `stairs_down`, `mixed`, `obstacles`
-    #[arg(long, value_delimiter = ',', value_parser = parse_course, default_value = "stairs_up,stairs_down,mixed", value_name = "LIST")]
+    #[arg(long, value_delimiter = ',', default_value = "stairs_up,stairs_down,mixed", value_name = "LIST")]
     course: Vec<CourseKind>,
     /// Step heights, m; on `obstacles`, whose steps are of 12 cm, the height of the wall and the width of the gap.
     /// By default 0.12, and 0.5 on obstacles

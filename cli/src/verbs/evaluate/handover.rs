@@ -10,7 +10,7 @@ use vocaloco_sim::{
     threads::with_threads,
 };
 
-use super::{success::parse_course, viability::parse_perturb};
+use super::viability::parse_perturb;
 use crate::{
     exit::Exit,
     output, progress,
@@ -29,7 +29,7 @@ pub(crate) struct Args {
     #[arg(long, default_value = "walk", value_name = "SKILL")]
     to: String,
     /// `stairs_up` or `stairs_down`, three steps
-    #[arg(long, default_value = "stairs_up", value_parser = parse_course)]
+    #[arg(long, default_value = "stairs_up")]
     course: CourseKind,
     /// Step heights, m
     #[arg(long, value_delimiter = ',', default_value = "0.12", value_name = "LIST")]

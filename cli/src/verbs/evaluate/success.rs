@@ -25,7 +25,7 @@ use crate::{exit::Exit, output, progress, verbs::Shared};
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Courses: `stairs_up`, `stairs_down`, `mixed`, `obstacles`
-    #[arg(long, value_delimiter = ',', value_parser = parse_course, default_value = "stairs_up,stairs_down", value_name = "LIST")]
+    #[arg(long, value_delimiter = ',', default_value = "stairs_up,stairs_down", value_name = "LIST")]
     course: Vec<CourseKind>,
     /// Step heights, m; on `obstacles`, whose steps are of 12 cm, the height of the wall and the width of the gap.
     /// By default 0.025 to 0.4 by 0.025, and 0.5 on obstacles
@@ -88,11 +88,6 @@ impl From<Sight> for Occlusion {
     }
 }
 
-pub(super) fn parse_course(text: &str) -> Result<CourseKind, String> {
-    let ids = CourseKind::ALL.map(CourseKind::id).join(" ");
-    CourseKind::from_id(text).ok_or_else(|| format!("found {text:?}, wanted one of {ids}"))
-}
-
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     ensure!(args.rollouts > 0, "--rollouts: found 0, wanted 1 or more");
     args.arena.check(args.steps, &args.size_m)?;
@@ -145,7 +140,7 @@ fn report(args: &Args, rows: &[SuccessRow]) -> anyhow::Result<()> {
     let width = rows.iter().map(|row| row.selector.len()).max().unwrap_or(0).max(8);
     for course in args.course.iter().collect::<BTreeSet<_>>() {
         output::line(&format!(
-            "{}, {} steps a flight\nstep   {:<width$}    n  reached           crashed           stuck  stopped    CoT   time  switches",
+            "{}, {} steps a flight\nsize   {:<width$}    n  reached           crashed           stuck  stopped    CoT   time  switches",
             course.id(),
             args.steps,
             "selector"

@@ -13,13 +13,12 @@ use vocaloco_sim::{
     threads::with_threads,
 };
 
-use super::success::parse_course;
 use crate::{exit::Exit, output, progress, verbs::Shared};
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// `stairs_up` or `stairs_down`
-    #[arg(long, value_parser = parse_course)]
+    #[arg(long)]
     course: CourseKind,
     /// Step height, m
     #[arg(long, default_value_t = 0.12, value_name = "M")]

@@ -21,7 +21,7 @@ use crate::{output, progress};
 #[derive(clap::Args)]
 pub(super) struct CourseArgs {
     /// Course of --source sim: `stairs_up`, `stairs_down`, `mixed`, `obstacles`
-    #[arg(long, default_value = "stairs_up", value_name = "COURSE", value_parser = course)]
+    #[arg(long, default_value = "stairs_up", value_name = "COURSE")]
     course: CourseKind,
     /// Step height of the course, m; on `obstacles`, whose steps are of 12 cm, the height of the wall and the width
     /// of the gap. By default 0.12, and 0.5 on obstacles
@@ -42,11 +42,6 @@ impl CourseArgs {
     fn size_m(&self) -> f32 {
         self.size_m.unwrap_or_else(|| self.course.demo_size_m())
     }
-}
-
-fn course(text: &str) -> Result<CourseKind, String> {
-    let ids = CourseKind::ALL.map(CourseKind::id).join(" or ");
-    CourseKind::from_id(text).ok_or_else(|| format!("found {text:?}, wanted {ids}"))
 }
 
 #[derive(Serialize)]

@@ -46,9 +46,11 @@ pub(super) fn section(
     let (histogram, limits) = match head {
         Head::Sigmoid => {
             rows.push(("Brier score, single rollouts", number(report.brier)));
+            let noise = report.brier.map(|brier| brier - report.kept_back_mse).filter(|_| set.repeats > 1);
             rows.push((
                 "of which label noise",
-                number(report.brier.map(|brier| brier - report.kept_back_mse)),
+                noise
+                    .map_or_else(|| "not known of one rollout a row".to_owned(), |noise| number(Some(noise))),
             ));
             rows.push(("expected calibration error, 15 bins", number(report.ece)));
             rows.push(("AUC", number(report.auc)));

@@ -1,0 +1,58 @@
+//! The terrain's expert at work: asked in shadow, or walking the robot up to where an episode begins.
+
+use std::sync::Arc;
+
+use super::shadow::Shadow;
+use super::{Environment, tick};
+use crate::driver::TICK_S;
+
+/// Longest way of an expert up to where an episode begins, ticks.
+const LEAD_TICKS: u32 = 250;
+/// A base that has sunk this far on that way is falling, m.
+const SUNK_M: f32 = 0.15;
+
+impl Environment {
+    /// Has the terrain's expert answer to the present tick; false if there is none or it fails.
+    pub(super) fn ask_expert(&mut self) -> bool {
+        let ground = Arc::clone(&self.ground);
+        if self.shadow.is_none() {
+            let Some(skill) = ground.experts.get(&self.kind()) else { return false };
+            let rng = self.stream("environment/expert");
+            let noise_m = ground.config.expert_patch_noise_m;
+            self.shadow = Shadow::new(skill, self.episode.phase, &ground.robot, noise_m, rng);
+        }
+        let Some(shadow) = &mut self.shadow else { return false };
+        let base = &self.plant.measure().base;
+        let terrain = &ground.stage(self.terrain, self.level, self.episode.variant).terrain;
+        let state = self.views.sensed(f64::from(self.tick) * TICK_S);
+        let told = tick::for_an_expert(&self.command);
+        shadow.targets(self.tick, &state, &told, terrain, base).is_some()
+    }
+
+    /// Lets the terrain's expert walk the robot, by its own targets and gains, until its base has come to `x_m`;
+    /// false if it does not come there on its feet.
+    pub(super) fn is_led_to(&mut self, x_m: f32) -> bool {
+        let began = self.plant.measure().base;
+        self.begin_at(&began);
+        self.target = None;
+        self.sense();
+        for _ in 0..LEAD_TICKS {
+            let [base_x_m, _, base_z_m] = self.plant.measure().base.position_m;
+            if base_x_m >= x_m {
+                return true;
+            }
+            if !self.ask_expert() || base_z_m < began.position_m[2] - SUNK_M {
+                return false;
+            }
+            let Some(targets) = self.shadow.as_ref().and_then(Shadow::latest) else { return false };
+            self.targets.copy_from_slice(targets);
+            let (_, touched) = self.advance();
+            if touched {
+                return false;
+            }
+            self.tick += 1;
+            self.sense();
+        }
+        false
+    }
+}
