@@ -9,7 +9,7 @@ use std::{
 use vocaloco_core::{plugin::PluginLibrary, robot::RobotModel};
 use vocaloco_sim::{
     environment::{
-        Environment, EnvironmentConfig, PushRules, StartRules, TerrainShare, TrainingGround,
+        Environment, EnvironmentConfig, LedRules, PushRules, StartRules, TerrainShare, TrainingGround,
         speed::{Actor, measure},
     },
     rollout::RolledSkill,
@@ -40,8 +40,8 @@ fn ground_of(terrain: TerrainShare) -> Arc<TrainingGround> {
         variants: 1,
         poses: 2,
         initial_level: 0,
-        terrain: vec![terrain],
         experts: BTreeMap::from([(terrain.kind, "walk".to_owned())]),
+        terrain: vec![terrain],
         start: StartRules { moving_share: 0.0, ..StartRules::default() },
         push: PushRules { speed_m_per_s: [0.0, 0.0], ..PushRules::default() },
         latency_ticks: [0, 0],
@@ -165,7 +165,11 @@ fn speed_is_measured_with_and_without_an_expert() {
 #[test]
 fn a_led_episode_begins_in_stride_at_the_asked_distance_and_is_otherwise_an_episode_like_any() {
     let share = TerrainShare::new(TerrainKind::Gap, 1.0, [0.2, 0.2]);
-    let led = TerrainShare { start_before_m: Some([1.2, 1.5]), led_to_m: Some([0.5, 0.7]), ..share };
+    let led = TerrainShare {
+        start_before_m: Some([1.2, 1.5]),
+        led: Some(LedRules { by: "walk".to_owned(), to_m: [0.5, 0.7] }),
+        ..share
+    };
     let ground = ground_of(led);
     let mut speeds = Vec::new();
     for index in 0..4 {

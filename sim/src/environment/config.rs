@@ -69,7 +69,7 @@ pub struct EnvironmentConfig {
 }
 
 /// One terrain of the mix.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TerrainShare {
     /// Which.
@@ -84,16 +84,25 @@ pub struct TerrainShare {
     /// Starts only this far before the obstacle, least and most, m; by default as `spawn` says.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub start_before_m: Option<[f32; 2]>,
-    /// From farther away the terrain's expert walks the robot up to this far before the obstacle, least and
-    /// most, m, and the episode begins in the midst of its stride, as after another skill; none from the stand.
+    /// Another skill walks the robot up to the obstacle before an episode begins; none begins from the stand.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub led_to_m: Option<[f32; 2]>,
+    pub led: Option<LedRules>,
+}
+
+/// Episodes that begin in the midst of another skill's stride, as when it hands over.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LedRules {
+    /// The skill that leads.
+    pub by: String,
+    /// It hands over this far before the obstacle, least and most, m.
+    pub to_m: [f32; 2],
 }
 
 impl TerrainShare {
     /// A terrain as deep as the collection's, begun from the stand.
     pub fn new(kind: TerrainKind, share: f32, size_m: [f32; 2]) -> Self {
-        Self { kind, share, size_m, depth_m: None, start_before_m: None, led_to_m: None }
+        Self { kind, share, size_m, depth_m: None, start_before_m: None, led: None }
     }
 }
 
@@ -236,6 +245,15 @@ impl ConfigError {
 }
 
 impl EnvironmentConfig {
+    /// The skills that it names, with the fields that name them: experts, and those that lead.
+    pub fn skills(&self) -> impl Iterator<Item = (String, &str)> {
+        let experts = self.experts.iter().map(|(kind, name)| (format!("experts.{kind}"), name.as_str()));
+        let leads = self.terrain.iter().enumerate().filter_map(|(index, terrain)| {
+            terrain.led.as_ref().map(|led| (format!("terrain[{index}].led.by"), led.by.as_str()))
+        });
+        experts.chain(leads)
+    }
+
     /// Refuses numbers outside their ranges.
     ///
     /// # Errors
@@ -286,14 +304,9 @@ impl EnvironmentConfig {
                 Some(depth_m) => ordered(field, depth_m, 0.5..=10.0)?,
                 None => {}
             }
-            for (field, range) in [("start_before_m", terrain.start_before_m), ("led_to_m", terrain.led_to_m)]
-            {
+            let led_to_m = terrain.led.as_ref().map(|led| led.to_m);
+            for (field, range) in [("start_before_m", terrain.start_before_m), ("led.to_m", led_to_m)] {
                 ordered(format!("terrain[{index}].{field}"), range.unwrap_or_default(), 0.0..=3.0)?;
-            }
-            if terrain.led_to_m.is_some() && !self.experts.contains_key(&terrain.kind) {
-                let (field, kind) = (format!("terrain[{index}].led_to_m"), terrain.kind);
-                let wanted = format!("an expert of {kind} among `experts`, to lead there");
-                return Err(ConfigError::new(field, "a distance", wanted));
             }
         }
         self.reward.check()

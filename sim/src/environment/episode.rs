@@ -19,7 +19,7 @@ pub(super) struct Episode {
     pub(super) target: Option<TargetRule>,
     /// Forward velocity that the base starts with, m/s.
     pub(super) start_m_per_s: f32,
-    /// How far before the obstacle an expert hands over, m; none begins from the stand.
+    /// How far before the obstacle another skill hands over, m; none begins from the stand.
     pub(super) led_to_m: Option<f32>,
     /// Where in its cycle an expert starts, 0 to 1.
     pub(super) phase: f32,
@@ -62,7 +62,7 @@ impl Episode {
         let all = (f64::from(all_s) / TICK_S).round() as u32;
         let share = within([0.0, 1.0]);
         let ticks = if first { ((share * all as f32) as u32).clamp(LEAST_TICKS, all) } else { all };
-        let led_to_m = config.terrain[terrain].led_to_m.map(&mut within);
+        let led_to_m = config.terrain[terrain].led.as_ref().map(|led| within(led.to_m));
         let mut episode = Self {
             variant,
             pose,

@@ -39,11 +39,11 @@ pub enum EnvironmentError {
     /// The contract's rate is not the simulator's.
     #[error("environment.contract.rate_hz: found {0}, wanted 50")]
     Rate(f64),
-    /// An expert that nobody handed over.
-    #[error("environment.experts.{kind}: found {name:?}, wanted one of: {}", known.join(", "))]
+    /// An expert, or a skill that leads, that nobody handed over.
+    #[error("environment.{field}: found {name:?}, wanted one of: {}", known.join(", "))]
     Expert {
-        /// Terrain that asks for it.
-        kind: TerrainKind,
+        /// The field that asks for it.
+        field: String,
         /// The skill asked for.
         name: String,
         /// Skills that are there.
@@ -73,6 +73,8 @@ pub struct TrainingGround {
     /// In the robot's order.
     pub(super) stand_rad: Vec<f32>,
     pub(super) experts: BTreeMap<TerrainKind, RolledSkill>,
+    /// For each terrain of the mix.
+    pub(super) leaders: Vec<Option<RolledSkill>>,
     pub(super) seed: u64,
     /// `[terrain of the mix][level][variant]`, flattened.
     stages: Vec<Stage>,
@@ -104,15 +106,14 @@ impl TrainingGround {
         }
         agree_on_command(&config, contract.command()?)?;
         let mirror = Mirror::new(&contract, &robot.description);
-        let mut chosen = BTreeMap::new();
-        for (kind, name) in &config.experts {
-            let unknown = || EnvironmentError::Expert {
-                kind: *kind,
-                name: name.clone(),
-                known: experts.keys().cloned().collect(),
-            };
-            chosen.insert(*kind, experts.get(name).ok_or_else(unknown)?.clone());
+        if let Some((field, name)) = config.skills().find(|(_, name)| !experts.contains_key(*name)) {
+            let known = experts.keys().cloned().collect();
+            return Err(EnvironmentError::Expert { field, name: name.to_owned(), known });
         }
+        let skill = |name: &String| experts.get(name).cloned();
+        let chosen = config.experts.iter().filter_map(|(kind, name)| Some((*kind, skill(name)?))).collect();
+        let leads = |share: &TerrainShare| share.led.as_ref().and_then(|led| skill(&led.by));
+        let leaders = config.terrain.iter().map(leads).collect();
         let stages = build_stages(&config, robot, seed)?;
         Ok(Self {
             config,
@@ -123,6 +124,7 @@ impl TrainingGround {
             mirror,
             observer,
             experts: chosen,
+            leaders,
             seed,
             stages,
         })
@@ -226,7 +228,7 @@ fn build_stages(
             let index = [terrain, level, variant].map(u64::from);
             let mut rng = stream(seed, "environment/size", &index);
             let step = level as f32 + (variant as f32 + uniform(&mut rng, 0.0, 1.0)) / variants as f32;
-            let share = config.terrain[terrain as usize];
+            let share = &config.terrain[terrain as usize];
             let spawner = &spawners[terrain as usize];
             Stage::build(robot, spawner, (share, step / levels as f32), (seed, index), poses, plant)
         })
@@ -238,7 +240,7 @@ impl Stage {
     fn build(
         robot: &Arc<RobotModel>,
         spawner: &Spawner,
-        (share, difficulty): (TerrainShare, f32),
+        (share, difficulty): (&TerrainShare, f32),
         (seed, [terrain, level, variant]): (u64, [u64; 3]),
         poses: u32,
         plant: PlantKind,

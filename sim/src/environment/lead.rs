@@ -1,22 +1,22 @@
-//! The terrain's expert at work: asked in shadow, or walking the robot up to where an episode begins.
+//! Another skill at work: asked in shadow, or walking the robot up to where an episode begins.
 
 use std::sync::Arc;
 
 use super::shadow::Shadow;
 use super::{Environment, tick};
-use crate::driver::TICK_S;
+use crate::{driver::TICK_S, rollout::RolledSkill};
 
-/// Longest way of an expert up to where an episode begins, ticks.
+/// Longest way of another skill up to where an episode begins, ticks.
 const LEAD_TICKS: u32 = 250;
 /// A base that has sunk this far on that way is falling, m.
 const SUNK_M: f32 = 0.15;
 
 impl Environment {
-    /// Has the terrain's expert answer to the present tick; false if there is none or it fails.
-    pub(super) fn ask_expert(&mut self) -> bool {
+    /// Has another skill answer to the present tick; false if there is none or it fails.
+    pub(super) fn ask(&mut self, skill: Option<&RolledSkill>) -> bool {
         let ground = Arc::clone(&self.ground);
         if self.shadow.is_none() {
-            let Some(skill) = ground.experts.get(&self.kind()) else { return false };
+            let Some(skill) = skill else { return false };
             let rng = self.stream("environment/expert");
             let noise_m = ground.config.expert_patch_noise_m;
             self.shadow = Shadow::new(skill, self.episode.phase, &ground.robot, noise_m, rng);
@@ -29,9 +29,11 @@ impl Environment {
         shadow.targets(self.tick, &state, &told, terrain, base).is_some()
     }
 
-    /// Lets the terrain's expert walk the robot, by its own targets and gains, until its base has come to `x_m`;
+    /// Lets the skill that leads walk the robot, by its own targets and gains, until its base has come to `x_m`;
     /// false if it does not come there on its feet.
     pub(super) fn is_led_to(&mut self, x_m: f32) -> bool {
+        let ground = Arc::clone(&self.ground);
+        let leader = ground.leaders[self.terrain].as_ref();
         let began = self.plant.measure().base;
         self.begin_at(&began);
         self.target = None;
@@ -41,7 +43,7 @@ impl Environment {
             if base_x_m >= x_m {
                 return true;
             }
-            if !self.ask_expert() || base_z_m < began.position_m[2] - SUNK_M {
+            if !self.ask(leader) || base_z_m < began.position_m[2] - SUNK_M {
                 return false;
             }
             let Some(targets) = self.shadow.as_ref().and_then(Shadow::latest) else { return false };

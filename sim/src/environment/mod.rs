@@ -26,8 +26,8 @@ use vocaloco_core::{observation::BaseInOdom, target::PositionTarget};
 use vocaloco_plugin_api::{Command, JointTarget};
 
 pub use config::{
-    CommandRules, ConfigError, CurriculumRules, EnvironmentConfig, PushRules, StartRules, TerrainShare,
-    VariationRules,
+    CommandRules, ConfigError, CurriculumRules, EnvironmentConfig, LedRules, PushRules, StartRules,
+    TerrainShare, VariationRules,
 };
 pub use ground::{EnvironmentError, TrainingGround, standard_contract};
 pub use mirror::Mirror;
@@ -238,7 +238,8 @@ impl Environment {
     /// It keeps its own time as long as it is asked in every tick, whoever drives; after a tick in which
     /// it was not asked it starts anew.
     pub fn expert_action(&mut self, action: &mut [f32]) -> bool {
-        if !self.ask_expert() {
+        let ground = Arc::clone(&self.ground);
+        if !self.ask(ground.experts.get(&self.kind())) {
             return false;
         }
         let Some(targets) = self.shadow.as_ref().and_then(Shadow::latest) else { return false };

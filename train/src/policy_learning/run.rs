@@ -1,6 +1,6 @@
 //! `train-policy` of a network: a skill's `training.toml` → `policy.onnx`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -97,7 +97,7 @@ pub(super) fn read_config(installation: &Installation, skill: &str) -> anyhow::R
     Ok((file, config))
 }
 
-/// The skills that a configuration names as experts, by name.
+/// The skills that a configuration names, as experts or to lead, by name.
 ///
 /// # Errors
 /// The first that cannot be rolled out.
@@ -106,9 +106,10 @@ pub(super) fn load_experts(
     robot: &RobotModel,
     config: &Config,
 ) -> anyhow::Result<BTreeMap<String, RolledSkill>> {
-    let names = config.environment.experts.values();
+    let names: BTreeSet<&str> = config.environment.skills().map(|(_, name)| name).collect();
     let changed = &config.environment.expert_parameters;
-    names.map(|name| Ok((name.clone(), load_expert(installation, robot, name, changed)?))).collect()
+    let load = |name: &str| Ok((name.to_owned(), load_expert(installation, robot, name, changed)?));
+    names.into_iter().map(load).collect::<anyhow::Result<_>>()
 }
 
 /// A skill as an expert: a structured controller with other values for the parameters in `changed`, a
