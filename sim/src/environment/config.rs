@@ -95,7 +95,7 @@ pub struct TerrainShare {
 pub struct LedRules {
     /// The skill that leads.
     pub by: String,
-    /// It hands over this far before the obstacle, least and most, m.
+    /// It hands over this far before the obstacle, least and most, m; beyond its edge below 0.
     pub to_m: [f32; 2],
 }
 
@@ -304,9 +304,12 @@ impl EnvironmentConfig {
                 Some(depth_m) => ordered(field, depth_m, 0.5..=10.0)?,
                 None => {}
             }
-            let led_to_m = terrain.led.as_ref().map(|led| led.to_m);
-            for (field, range) in [("start_before_m", terrain.start_before_m), ("led.to_m", led_to_m)] {
-                ordered(format!("terrain[{index}].{field}"), range.unwrap_or_default(), 0.0..=3.0)?;
+            let (start_before_m, led_to_m) =
+                (terrain.start_before_m, terrain.led.as_ref().map(|led| led.to_m));
+            for (field, range, least) in
+                [("start_before_m", start_before_m, 0.0), ("led.to_m", led_to_m, -3.0)]
+            {
+                ordered(format!("terrain[{index}].{field}"), range.unwrap_or_default(), least..=3.0)?;
             }
         }
         self.reward.check()

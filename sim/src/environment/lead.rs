@@ -8,7 +8,7 @@ use crate::{driver::TICK_S, rollout::RolledSkill};
 
 /// Longest way of another skill up to where an episode begins, ticks.
 const LEAD_TICKS: u32 = 250;
-/// A base that has sunk this far on that way is falling, m.
+/// A base this far below the stand's height over the ground is falling, m.
 const SUNK_M: f32 = 0.15;
 
 impl Environment {
@@ -39,11 +39,10 @@ impl Environment {
         self.target = None;
         self.sense();
         for _ in 0..LEAD_TICKS {
-            let [base_x_m, _, base_z_m] = self.plant.measure().base.position_m;
-            if base_x_m >= x_m {
+            if self.plant.measure().base.position_m[0] >= x_m {
                 return true;
             }
-            if !self.ask(leader) || base_z_m < began.position_m[2] - SUNK_M {
+            if !self.ask(leader) || self.height_error_m() < -SUNK_M {
                 return false;
             }
             let Some(targets) = self.shadow.as_ref().and_then(Shadow::latest) else { return false };

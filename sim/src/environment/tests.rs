@@ -230,6 +230,13 @@ fn an_expert_that_nobody_handed_over_is_refused_by_name() {
     let refused = TrainingGround::new(config, &robot(), &BTreeMap::new(), 1).err().expect("no such expert");
     let text = refused.to_string();
     assert!(text.contains("environment.experts.flat") && text.contains("walk"), "{text}");
+
+    let led = Some(LedRules { by: "trot".to_owned(), to_m: [0.5, 0.7] });
+    let terrain = vec![TerrainShare { led, ..small().terrain[1].clone() }];
+    let config = EnvironmentConfig { terrain, ..small() };
+    let refused = TrainingGround::new(config, &robot(), &BTreeMap::new(), 1).err().expect("no such skill");
+    let text = refused.to_string();
+    assert!(text.contains("environment.terrain[0].led.by") && text.contains("trot"), "{text}");
 }
 
 #[test]

@@ -93,7 +93,7 @@ impl Environment {
     }
 
     /// Height of the base over the ground around it, less the stand's.
-    fn height_error_m(&self) -> f32 {
+    pub(super) fn height_error_m(&self) -> f32 {
         let terrain = &self.ground.stage(self.terrain, self.level, self.episode.variant).terrain;
         let [x_m, y_m, z_m] = self.plant.measure().base.position_m;
         let steps = [-GROUND_HALF_WIDTH_M, 0.0, GROUND_HALF_WIDTH_M];
