@@ -115,10 +115,18 @@ fn one_thread_and_two_give_the_same_bytes() {
 #[test]
 fn rows_that_start_midway_in_a_rollout_repeat_on_any_number_of_threads() {
     let settled = config(Kind::Viability, 1);
-    let midway = CollectConfig { own_starts_share: Some(1.0), ..settled.clone() };
+    for midway in [
+        CollectConfig { own_starts_share: Some(1.0), ..settled.clone() },
+        CollectConfig { in_stride_share: Some(1.0), ..settled.clone() },
+    ] {
+        repeats_elsewhere_on_the_same_tiles(&midway);
+    }
+}
+
+fn repeats_elsewhere_on_the_same_tiles(midway: &CollectConfig) {
     let (one, two) = (folder(), folder());
-    run(&collection(&midway, Kind::Viability), one.path()).expect("collects");
-    run(&Collection { threads: 2, ..collection(&midway, Kind::Viability) }, two.path()).expect("collects");
+    run(&collection(midway, Kind::Viability), one.path()).expect("collects");
+    run(&Collection { threads: 2, ..collection(midway, Kind::Viability) }, two.path()).expect("collects");
     assert_same(two.path(), one.path());
     let (moved, stood) =
         (dataset::read(one.path()).expect("reads"), dataset::read(whole(Kind::Viability)).expect("reads"));

@@ -73,6 +73,11 @@ impl<'a, P: Physics> Driver<'a, P> {
         self
     }
 
+    /// Draws the noise anew from here on.
+    pub fn sense_with(&mut self, noise: SensorNoise, rng: ChaCha8Rng) {
+        self.sensors = Sensors::new(noise, rng);
+    }
+
     /// Resets the plugin to the plant's present state; a position target is set at the next tick.
     ///
     /// # Errors

@@ -97,11 +97,13 @@ pub struct Rollout {
     pub time_limit_s: f64,
     /// Share of a data set's rows that start where a rollout of the skill's own had the robot, 0 to 1.
     pub own_starts_share: f64,
+    /// Share of the rows that begin there in stride: the rollout has come there and goes on, 0 to 1.
+    pub in_stride_share: f64,
 }
 
 impl Default for Rollout {
     fn default() -> Self {
-        Self { horizon_m: 1.5, time_limit_s: 4.0, own_starts_share: 0.0 }
+        Self { horizon_m: 1.5, time_limit_s: 4.0, own_starts_share: 0.0, in_stride_share: 0.0 }
     }
 }
 
@@ -163,6 +165,7 @@ struct RawRollout {
     horizon_m: Option<f64>,
     time_limit_s: Option<f64>,
     own_starts_share: Option<f64>,
+    in_stride_share: Option<f64>,
 }
 
 impl SkillManifest {
@@ -282,9 +285,15 @@ fn rollout(source: &Source<'_>, raw: &RawRollout) -> Result<Rollout, Finding> {
     let horizon_m = raw.horizon_m.unwrap_or(default.horizon_m);
     let time_limit_s = raw.time_limit_s.unwrap_or(default.time_limit_s);
     let own_starts_share = raw.own_starts_share.unwrap_or(default.own_starts_share);
+    let in_stride_share = raw.in_stride_share.unwrap_or(default.in_stride_share);
     Ok(Rollout {
         horizon_m: source.inside("rollout.horizon_m", horizon_m, 0.2..=10.0)?,
         time_limit_s: source.inside("rollout.time_limit_s", time_limit_s, 0.5..=60.0)?,
         own_starts_share: source.inside("rollout.own_starts_share", own_starts_share, 0.0..=1.0)?,
+        in_stride_share: source.inside(
+            "rollout.in_stride_share",
+            in_stride_share,
+            0.0..=1.0 - own_starts_share,
+        )?,
     })
 }

@@ -26,7 +26,10 @@ fn the_shipped_manifests_are_read_as_written() {
     let skill = written("ascend.toml", SKILL, SkillManifest::read).expect("sound");
     assert_eq!((skill.name.as_str(), skill.plugin.as_str()), ("ascend", "gait"));
     assert_eq!(skill.selection, Selection { viability_threshold: 0.925, cost_margin: 0.1, committed: false });
-    assert_eq!(skill.rollout, Rollout { horizon_m: 1.5, time_limit_s: 4.0, own_starts_share: 0.0 });
+    assert_eq!(
+        skill.rollout,
+        Rollout { horizon_m: 1.5, time_limit_s: 4.0, own_starts_share: 0.0, in_stride_share: 0.0 }
+    );
     let deployment = written("anymal_stairs.toml", DEPLOYMENT, Deployment::read).expect("sound");
     assert_eq!(deployment.skills, ["walk", "ascend_network", "descend_network"]);
     assert_eq!((deployment.switch_window, deployment.stop_window, deployment.resume_window), (10, 10, 25));

@@ -34,6 +34,9 @@ pub struct CollectConfig {
     /// Share of the rows that start where a rollout of the skill's own had the robot; none if left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub own_starts_share: Option<f32>,
+    /// Share of the rows that begin there in stride: the rollout has come there and goes on; none if left out.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub in_stride_share: Option<f32>,
     /// Terrains.
     pub mixture: Mixture,
 }
@@ -51,6 +54,7 @@ impl CollectConfig {
             spawn: SpawnRules::default(),
             rollout: RolloutRules::default(),
             own_starts_share: None,
+            in_stride_share: None,
             mixture: Mixture::default(),
         }
     }
@@ -60,8 +64,9 @@ impl CollectConfig {
     pub fn for_skill(mut self, rollout: &vocaloco_core::manifest::Rollout) -> Self {
         self.rollout.horizon_m = rollout.horizon_m;
         self.rollout.time_limit_s = rollout.time_limit_s;
-        let share = rollout.own_starts_share as f32;
-        self.own_starts_share = (share > 0.0).then_some(share);
+        let share = |share: f64| (share > 0.0).then_some(share as f32);
+        self.own_starts_share = share(rollout.own_starts_share);
+        self.in_stride_share = share(rollout.in_stride_share);
         self
     }
 

@@ -4,8 +4,8 @@
 
 use crate::{
     driver::TICK_S,
-    plant::Plant,
-    rollout::{Chance, RolloutRules, Trial},
+    plant::{BasePose, Plant},
+    rollout::{Chance, RolloutRules, RunUp, Trial},
     spawn::Spawn,
     terrain::{Terrain, Vantage},
 };
@@ -15,42 +15,57 @@ const DONOR: u64 = u64::MAX;
 /// So far beyond the tile's spawn area a row may start, m: what a rollout from there sees is still known.
 const LEEWAY_M: f32 = 0.4;
 
-/// The robot at a tick of a rollout from `trial`'s pose, in full: pose, velocities, joints, contacts.
+/// Where a rollout from `trial`'s pose had the robot at one of its ticks.
 ///
 /// The tick is drawn evenly from all that the rollout had, the first one left out and those in which the
-/// base had left the tile; `draw` from 0 to 1 picks it. A skill that then takes over is reset there, as after
-/// a switch. `None` where there is no such tick.
-///
-/// The rollout is made twice, the second time up to the tick alone: that is cheaper than keeping the state
-/// of every tick.
-pub(super) fn midway(trial: &Trial<'_>, plant: &mut Plant, chance: &Chance, draw: f32) -> Option<Spawn> {
+/// base had left the tile; `draw` from 0 to 1 picks it. `None` where there is no such tick.
+fn tick_of(trial: &Trial<'_>, plant: &mut Plant, chance: &Chance, draw: f32) -> Option<(usize, BasePose)> {
     let mut ticks = Vec::new();
     let mut tick = 0_usize;
     plant.restore(&trial.spawn.snapshot);
     trial.roll_watched(plant, chance, &mut |measured| {
         let [x_m, y_m, _] = measured.base.position_m;
         if tick > 0 && is_on(trial.terrain, [x_m, y_m]) {
-            ticks.push(tick);
+            ticks.push((tick, measured.base));
         }
         tick += 1;
     });
-    let chosen = *ticks.get(((draw * ticks.len() as f32) as usize).min(ticks.len().checked_sub(1)?))?;
-    let rules = RolloutRules { time_limit_s: chosen as f64 * TICK_S, ..*trial.rules };
+    ticks.get(((draw * ticks.len() as f32) as usize).min(ticks.len().checked_sub(1)?)).copied()
+}
+
+/// The robot at a tick of a rollout from `trial`'s pose, in full: pose, velocities, joints, contacts. A skill
+/// that then takes over is reset there, as after a switch.
+///
+/// The rollout is made twice, the second time up to the tick alone: that is cheaper than keeping the state
+/// of every tick.
+pub(super) fn midway(trial: &Trial<'_>, plant: &mut Plant, chance: &Chance, draw: f32) -> Option<Spawn> {
+    let (tick, _) = tick_of(trial, plant, chance, draw)?;
+    let rules = RolloutRules { time_limit_s: tick as f64 * TICK_S, ..*trial.rules };
     Trial { rules: &rules, ..*trial }.roll_out(plant, chance);
     let measured = plant.measure();
-    let base = measured.base;
-    let from = Vantage { position_m: base.position_m, yaw_rad: base.yaw() };
-    let mut targets = trial.spawn.targets.clone();
-    for (target, position_rad) in targets.iter_mut().zip(&measured.joint_position_rad) {
+    let mut spawn = Spawn { snapshot: plant.snapshot(), ..seen_from(trial, measured.base) };
+    for (target, position_rad) in spawn.targets.iter_mut().zip(&measured.joint_position_rad) {
         target.position_rad = *position_rad;
     }
-    Some(Spawn {
-        base,
-        targets,
-        heightfield: trial.terrain.heightfield(&from),
-        attempts: trial.spawn.attempts,
-        snapshot: plant.snapshot(),
-    })
+    Some(spawn)
+}
+
+/// The pose at a tick of a rollout that goes on from there, and the way up to it. The skill is not reset: it
+/// has its speed, and whatever it remembers. What the plant holds is still the pose that it set off from.
+pub(super) fn in_stride(
+    trial: &Trial<'_>,
+    plant: &mut Plant,
+    chance: Chance,
+    draw: f32,
+) -> Option<(Spawn, RunUp)> {
+    let (ticks, base) = tick_of(trial, plant, &chance, draw)?;
+    Some((seen_from(trial, base), RunUp { from: trial.spawn.clone(), ticks, chance }))
+}
+
+/// The trial's pose with another base, and the field around it.
+fn seen_from(trial: &Trial<'_>, base: BasePose) -> Spawn {
+    let from = Vantage { position_m: base.position_m, yaw_rad: base.yaw() };
+    Spawn { base, heightfield: trial.terrain.heightfield(&from), ..trial.spawn.clone() }
 }
 
 /// What the rollout of a row has drawn that the row starts from.

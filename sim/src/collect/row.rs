@@ -7,13 +7,13 @@ use vocaloco_core::{
     robot::RobotModel,
 };
 
-use super::midway::{donor, midway};
+use super::midway::{donor, in_stride, midway};
 use super::{CollectConfig, CollectError};
 use crate::{
     dataset::{Cost, Kind, Row},
-    rollout::{Chance, Outcome, RolledSkill, Rollout, Trial},
+    rollout::{Chance, Outcome, RolledSkill, Rollout, RunUp, Trial},
     scene::{Scene, row_seed},
-    spawn::{Spawn, Spawner},
+    spawn::Spawner,
     stream::{stream, uniform},
 };
 
@@ -40,12 +40,10 @@ impl Work<'_> {
         let (terrain, size_m) = config.mixture.draw(&mut stream(seed, "terrain", &[]));
         let mut scene = Scene::stage(self.robot, &self.spawner, (terrain, size_m), seed, config.plant)
             .map_err(|source| CollectError::Pose { row, source })?;
-        if let Some(spawn) = self.own_start(&mut scene, seed) {
-            scene.spawn = spawn;
-        }
+        let run_up = self.start_midway(&mut scene, seed);
         let field = noisy_field(&scene.spawn.heightfield, config.field_noise_m, seed)
             .map_err(|source| CollectError::Field { row, source })?;
-        let rollouts = self.roll_out(&mut scene, seed);
+        let rollouts = self.roll_out(&mut scene, run_up.as_ref(), seed);
         let steps = scene.plant.steps_taken();
         let Some(labelled) = self.label(&rollouts) else { return Ok((None, steps)) };
         let base = &scene.spawn.base;
@@ -73,17 +71,30 @@ impl Work<'_> {
         Ok((Some(row), steps))
     }
 
-    /// Where a rollout of the skill's own had the robot, if this row is one of the share that starts so.
-    fn own_start(&self, scene: &mut Scene, seed: u64) -> Option<Spawn> {
-        let share = self.config.own_starts_share?;
+    /// Moves the pose to where a rollout of the skill's own had the robot, if this row is one of the shares that
+    /// begin so; gives the way up to there where the skill is to go on from it.
+    fn start_midway(&self, scene: &mut Scene, seed: u64) -> Option<RunUp> {
+        let config = self.config;
+        let own = config.own_starts_share.unwrap_or(0.0);
+        let in_stride_below = own + config.in_stride_share.unwrap_or(0.0);
         let mut rng = stream(seed, "own_start", &[]);
-        let (is_one, draw) = (uniform(&mut rng, 0.0, 1.0) < share, uniform(&mut rng, 0.0, 1.0));
-        let (skill, rules) = (self.skill, &self.config.rollout);
+        let (kind, draw) = (uniform(&mut rng, 0.0, 1.0), uniform(&mut rng, 0.0, 1.0));
+        let (skill, rules) = (self.skill, &config.rollout);
         let trial = Trial { terrain: &scene.terrain, spawn: &scene.spawn, skill, rules };
-        is_one.then(|| midway(&trial, &mut scene.plant, &donor(seed, self.config), draw)).flatten()
+        let plant = &mut scene.plant;
+        if kind < own {
+            scene.spawn = midway(&trial, plant, &donor(seed, config), draw)?;
+            return None;
+        }
+        if kind >= in_stride_below {
+            return None;
+        }
+        let (spawn, run_up) = in_stride(&trial, plant, donor(seed, config), draw)?;
+        scene.spawn = spawn;
+        Some(run_up)
     }
 
-    fn roll_out(&self, scene: &mut Scene, seed: u64) -> Vec<Rollout> {
+    fn roll_out(&self, scene: &mut Scene, run_up: Option<&RunUp>, seed: u64) -> Vec<Rollout> {
         let config = self.config;
         let trial =
             Trial { terrain: &scene.terrain, spawn: &scene.spawn, skill: self.skill, rules: &config.rollout };
@@ -91,7 +102,10 @@ impl Work<'_> {
         (0..config.repeats)
             .map(|repeat| {
                 let chance = Chance::draw(seed, u64::from(repeat), &config.perturb, noise);
-                trial.roll_out(&mut scene.plant, &chance)
+                match run_up {
+                    Some(run_up) => trial.roll_in_stride(run_up, &mut scene.plant, &chance),
+                    None => trial.roll_out(&mut scene.plant, &chance),
+                }
             })
             .collect()
     }

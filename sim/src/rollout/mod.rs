@@ -153,21 +153,44 @@ impl Trial<'_> {
         chance: &Chance,
         watch: &mut dyn FnMut(&Measurement),
     ) -> Rollout {
-        plant.vary(&chance.variation);
+        self.roll(plant, chance, None, watch)
+    }
+
+    /// Rolls the skill out from where a run-up has brought it, which is the trial's pose: the skill goes on,
+    /// and what differs between rollouts is drawn anew there; phase and latency stay the run-up's.
+    pub fn roll_in_stride(&self, run_up: &RunUp, plant: &mut Plant, chance: &Chance) -> Rollout {
+        plant.restore(&run_up.from.snapshot);
+        self.roll(plant, chance, Some(run_up), &mut |_| ())
+    }
+
+    fn roll<P: Physics>(
+        &self,
+        plant: &mut P,
+        chance: &Chance,
+        run_up: Option<&RunUp>,
+        watch: &mut dyn FnMut(&Measurement),
+    ) -> Rollout {
+        let first = run_up.map_or(chance, |run_up| &run_up.chance);
+        plant.vary(&first.variation);
         let path = Path::from(&self.spawn.base);
         let mut motion = Motion::new(plant.robot().drive.velocity_limit_rad_per_s);
-        let Ok(mut instance) = self.skill.instance(chance.initial_phase, plant.robot()) else {
+        let Ok(mut instance) = self.skill.instance(first.initial_phase, plant.robot()) else {
             return Rollout::fault_at_start(motion);
         };
-        let mut driver = Driver::new(plant, self.terrain, &mut instance, chance.noise, chance.noise_stream())
-            .late_by(chance.latency_ticks)
+        let mut driver = Driver::new(plant, self.terrain, &mut instance, first.noise, first.noise_stream())
+            .late_by(first.latency_ticks)
             .aiming(self.skill.target());
-        let end = match driver.start() {
-            Ok(()) => {
-                let mut witness = Witness { motion: &mut motion, watch };
-                self.rules.follow(&mut driver, &path, chance.push, &mut witness)
-            }
-            Err(_) => End { outcome: Outcome::Fault, ticks: 0, marks: Marks::default() },
+        let mut is_fit = driver.start().is_ok();
+        if let Some(run_up) = run_up.filter(|_| is_fit) {
+            is_fit = run_up.run(self.rules, &mut driver);
+            driver.plant.vary(&chance.variation);
+            driver.sense_with(chance.noise, chance.noise_stream());
+        }
+        let end = if is_fit {
+            let mut witness = Witness { motion: &mut motion, watch };
+            self.rules.follow(&mut driver, &path, chance.push, &mut witness)
+        } else {
+            End { outcome: Outcome::Fault, ticks: 0, marks: Marks::default() }
         };
         let [distance_m, _] = path.displacement_m(&plant.measure().base);
         let cot = |work_j: f64| {
@@ -239,6 +262,27 @@ impl RolloutRules {
         let [ahead_m, _] = path.displacement_m(&driver.plant.measure().base);
         let outcome = if ahead_m >= self.horizon_m { Outcome::OffPath } else { Outcome::Timeout };
         End { outcome, ticks, marks }
+    }
+}
+
+/// How a skill came to where a rollout begins in stride.
+pub struct RunUp {
+    /// Where it set off.
+    pub from: Spawn,
+    /// For how long, ticks.
+    pub ticks: usize,
+    /// What was drawn for it.
+    pub chance: Chance,
+}
+
+impl RunUp {
+    /// Ticks a driver that has started; false after a fault.
+    fn run<P: Physics>(&self, rules: &RolloutRules, driver: &mut Driver<'_, P>) -> bool {
+        let rules = RolloutRules { time_limit_s: self.ticks as f64 * TICK_S, ..*rules };
+        let mut unseen = Motion::new(driver.plant.robot().drive.velocity_limit_rad_per_s);
+        let mut witness = Witness { motion: &mut unseen, watch: &mut |_| () };
+        let end = rules.follow(driver, &Path::from(&self.from.base), self.chance.push, &mut witness);
+        end.outcome != Outcome::Fault
     }
 }
 
