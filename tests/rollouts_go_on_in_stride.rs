@@ -1,6 +1,6 @@
 //! What a rollout in stride is: the rest of the rollout that came there, with the skill as it was.
 
-use std::sync::Arc;
+use std::{collections::BTreeMap, sync::Arc};
 
 use vocaloco_core::robot::RobotModel;
 use vocaloco_sim::{
@@ -20,7 +20,7 @@ const RUN_UP_TICKS: usize = 60;
 fn a_rollout_in_stride_goes_on_where_a_rollout_has_come_to() {
     let robot =
         Arc::new(RobotModel::load(&shipped().robots_folder(), "anymal_d").expect("the shipped robot"));
-    let walk = load_expert(&shipped(), &robot, "walk", &Default::default()).expect("the shipped walk");
+    let walk = load_expert(&shipped(), &robot, "walk", &BTreeMap::new()).expect("the shipped walk");
     let flat = Terrain::tile(TerrainKind::Flat, 0.0, 1);
     let mut plant = Plant::new(&robot, &flat, PlantKind::Fast);
     let spawner = Spawner::new(&robot, SpawnRules::default());
