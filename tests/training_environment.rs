@@ -163,7 +163,7 @@ fn speed_is_measured_with_and_without_an_expert() {
 }
 
 #[test]
-fn a_led_episode_begins_in_stride_at_the_asked_distance_and_is_otherwise_an_episode_like_any() {
+fn a_led_episode_begins_in_stride_at_the_asked_distance_and_repeats() {
     let share = TerrainShare::new(TerrainKind::Gap, 1.0, [0.2, 0.2]);
     let led = TerrainShare {
         start_before_m: Some([1.2, 1.5]),
@@ -187,4 +187,21 @@ fn a_led_episode_begins_in_stride_at_the_asked_distance_and_is_otherwise_an_epis
         assert!(again.plant().measure() == measured, "environment {index} repeats");
     }
     assert!(speeds.iter().all(|speed| *speed > 0.2), "it walks: {speeds:?} m/s");
+}
+
+#[test]
+fn whoever_falls_on_the_way_begins_from_the_stand() {
+    let share = TerrainShare::new(TerrainKind::Gap, 1.0, [0.6, 0.6]);
+    // Beyond a gap that walk does not cross.
+    let led = Some(LedRules { by: "walk".to_owned(), to_m: [-1.5, -1.2] });
+    let ground = ground_of(TerrainShare { start_before_m: Some([0.6, 0.9]), led, ..share });
+    for index in 0..4 {
+        let environment = Environment::new(&ground, index);
+        let measured = environment.plant().measure();
+        let edge_m = Terrain::tile(TerrainKind::Gap, 0.6, 1).obstacle_x_m.expect("a gap is directed");
+        let before_m = edge_m - measured.base.position_m[0];
+        assert!((0.5..=1.0).contains(&before_m), "environment {index}: {before_m} m before");
+        let speed = measured.base_linear_velocity.map(f32::abs).into_iter().fold(0.0, f32::max);
+        assert!(speed < 0.1, "environment {index} stands: {speed} m/s");
+    }
 }

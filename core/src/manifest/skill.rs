@@ -280,6 +280,18 @@ fn command(source: &Source<'_>, raw: &RawCommand) -> Result<CommandRange, Findin
     Ok(CommandRange { kind, forward_m_per_s, target_distance_m: raw.target_distance_m })
 }
 
+/// The share, if it and those that start midway are no more than all.
+fn in_stride(source: &Source<'_>, share: f64, own_starts_share: f64) -> Result<f64, Finding> {
+    let field = "rollout.in_stride_share";
+    let share = source.inside(field, share, 0.0..=1.0)?;
+    // Decimal shares that make one do not quite in binary.
+    if share + own_starts_share <= 1.0 + 1e-9 {
+        return Ok(share);
+    }
+    let wanted = format!("no more than own_starts_share = {own_starts_share} leaves of 1");
+    Err(source.finding(field, share, wanted))
+}
+
 fn rollout(source: &Source<'_>, raw: &RawRollout) -> Result<Rollout, Finding> {
     let default = Rollout::default();
     let horizon_m = raw.horizon_m.unwrap_or(default.horizon_m);
@@ -290,10 +302,6 @@ fn rollout(source: &Source<'_>, raw: &RawRollout) -> Result<Rollout, Finding> {
         horizon_m: source.inside("rollout.horizon_m", horizon_m, 0.2..=10.0)?,
         time_limit_s: source.inside("rollout.time_limit_s", time_limit_s, 0.5..=60.0)?,
         own_starts_share: source.inside("rollout.own_starts_share", own_starts_share, 0.0..=1.0)?,
-        in_stride_share: source.inside(
-            "rollout.in_stride_share",
-            in_stride_share,
-            0.0..=1.0 - own_starts_share,
-        )?,
+        in_stride_share: in_stride(source, in_stride_share, own_starts_share)?,
     })
 }

@@ -68,6 +68,20 @@ fn a_nan_threshold_is_refused() {
 }
 
 #[test]
+fn shares_of_rows_make_up_all_of_them_at_most() {
+    let with = |own: f64, stride: f64| {
+        format!("{SKILL}\n[rollout]\nown_starts_share = {own}\nin_stride_share = {stride}\n")
+    };
+    for (own, stride) in [(0.9, 0.1), (0.7, 0.3), (0.0, 1.0)] {
+        let skill = written("ascend.toml", &with(own, stride), SkillManifest::read).expect("all of them");
+        assert_eq!(skill.rollout.in_stride_share, stride);
+    }
+    let finding = written("ascend.toml", &with(0.7, 0.4), SkillManifest::read).expect_err("more than all");
+    assert_eq!((finding.field.as_str(), finding.found.as_str()), ("rollout.in_stride_share", "0.4"));
+    assert!(finding.wanted.contains("own_starts_share = 0.7"), "{finding}");
+}
+
+#[test]
 fn another_schema_is_refused_before_its_unknown_fields() {
     let (line, field, found, wanted) = refusal("schema = 1", "schema = 2\nfuture = true");
     assert_eq!((line, field.as_str(), found.as_str(), wanted.as_str()), (Some(1), "schema", "2", "1"));

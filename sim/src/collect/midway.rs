@@ -51,7 +51,7 @@ pub(super) fn midway(trial: &Trial<'_>, plant: &mut Plant, chance: &Chance, draw
 }
 
 /// The pose at a tick of a rollout that goes on from there, and the way up to it. The skill is not reset: it
-/// has its speed, and whatever it remembers. What the plant holds is still the pose that it set off from.
+/// has its speed, and whatever it remembers. Snapshot and targets are still those of where it set off.
 pub(super) fn in_stride(
     trial: &Trial<'_>,
     plant: &mut Plant,

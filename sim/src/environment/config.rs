@@ -93,7 +93,7 @@ pub struct TerrainShare {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LedRules {
-    /// The skill that leads.
+    /// The skill that leads, a structured one with `expert_parameters`.
     pub by: String,
     /// It hands over this far before the obstacle, least and most, m; beyond its edge below 0.
     pub to_m: [f32; 2],
@@ -303,6 +303,14 @@ impl EnvironmentConfig {
                 }
                 Some(depth_m) => ordered(field, depth_m, 0.5..=10.0)?,
                 None => {}
+            }
+            for (name, is_set) in
+                [("start_before_m", terrain.start_before_m.is_some()), ("led", terrain.led.is_some())]
+            {
+                if is_set && !terrain.kind.is_directed() {
+                    let wanted = format!("none: {} has no obstacle to start before", terrain.kind);
+                    return Err(ConfigError::new(format!("terrain[{index}].{name}"), "a distance", wanted));
+                }
             }
             let (start_before_m, led_to_m) =
                 (terrain.start_before_m, terrain.led.as_ref().map(|led| led.to_m));

@@ -31,7 +31,7 @@ impl Environment {
 
     /// Lets the skill that leads walk the robot, by its own targets and gains, until its base has come to `x_m`;
     /// false if it does not come there on its feet.
-    pub(super) fn is_led_to(&mut self, x_m: f32) -> bool {
+    pub(super) fn lead_to(&mut self, x_m: f32) -> bool {
         let ground = Arc::clone(&self.ground);
         let leader = ground.leaders[self.terrain].as_ref();
         let began = self.plant.measure().base;

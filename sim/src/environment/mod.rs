@@ -293,7 +293,7 @@ impl Environment {
         if let Some(before_m) = self.episode.led_to_m
             && let Some(obstacle_m) = stage.terrain.obstacle_x_m
         {
-            if self.is_led_to(obstacle_m - before_m) {
+            if self.lead_to(obstacle_m - before_m) {
                 let base = self.plant.measure().base;
                 return self.begin_at(&base);
             }

@@ -232,6 +232,9 @@ fn an_expert_that_nobody_handed_over_is_refused_by_name() {
     assert!(text.contains("environment.experts.flat") && text.contains("walk"), "{text}");
 
     let led = Some(LedRules { by: "trot".to_owned(), to_m: [0.5, 0.7] });
+    let flat = vec![TerrainShare { led: led.clone(), ..small().terrain[0].clone() }];
+    let refused = EnvironmentConfig { terrain: flat, ..small() }.check().expect_err("nothing to lead to");
+    assert!(refused.to_string().contains("environment.terrain[0].led"), "{refused}");
     let terrain = vec![TerrainShare { led, ..small().terrain[1].clone() }];
     let config = EnvironmentConfig { terrain, ..small() };
     let refused = TrainingGround::new(config, &robot(), &BTreeMap::new(), 1).err().expect("no such skill");
