@@ -180,7 +180,7 @@ fn a_cost_that_is_not_positive_and_no_viable_skill_at_all() {
     for (viability, cot, reason) in [
         (0.99, -0.2, Reason::CotNotPositive),
         (0.99, 0.0, Reason::CotNotPositive),
-        (0.2, 0.5, Reason::BelowThreshold { threshold: 0.98 }),
+        (0.2, 0.5, Reason::BelowThreshold { threshold: Walking::THRESHOLD }),
     ] {
         let mut walking = Walking::at_speed("none", Isolation::None, None);
         walking.walk.set(viability, cot);

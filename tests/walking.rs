@@ -59,6 +59,9 @@ pub struct Walking {
 }
 
 impl Walking {
+    /// Of both skills, whatever is shipped.
+    pub const THRESHOLD: f32 = 0.95;
+
     /// The robot in its stand; `bad` misbehaves as `fault` says, see the plugin `faulty`.
     ///
     /// In real time a call may take `act_s`.
@@ -79,7 +82,11 @@ impl Walking {
         let bad = library.and_then(|library| library.create(fault, &robot.description));
         let [walk_says, bad_says] = [(0.99, 0.5), (0.1, 0.1)].map(|says| Says(Arc::new(Mutex::new(says))));
         let skill = |name: &str, controller: PluginInstance, says: &Says| Skill {
-            rule: vocaloco_core::selector::Rule { name: name.into(), ..Skill::rule_of(&loaded.manifest) },
+            rule: vocaloco_core::selector::Rule {
+                name: name.into(),
+                viability_threshold: Self::THRESHOLD,
+                ..Skill::rule_of(&loaded.manifest)
+            },
             needs: *controller.needs(),
             controller: Box::new(controller),
             predictors: Box::new(says.clone()),

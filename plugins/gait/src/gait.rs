@@ -10,7 +10,7 @@ use vocaloco_plugin_api::{
 use crate::{
     balance,
     body::{Body, Estimate, attitude},
-    foothold,
+    foothold::{self, Reach},
     ground::{Ground, PATCH},
     kinematics::{FootPose, Leg},
     parameters::Parameters,
@@ -394,7 +394,15 @@ impl Gait {
         let leg = &self.legs[index];
         let radius = leg.foot_radius_m;
 
-        let nominal = self.nominal(index, command, body, (1.0 - share) * swing_s);
+        let left_s = (1.0 - share) * swing_s;
+        let nominal = self.nominal(index, command, body, left_s);
+        let climb = body.line.slope * body.velocity.x;
+        let travel = Vector3::new(body.velocity.x, body.velocity.y, climb) * left_s;
+        let reach = Reach {
+            hip: body.rotation * leg.hip() + travel,
+            longest_m: leg.longest_m(),
+            foot_radius_m: radius,
+        };
         let state = &self.states[index];
         let chosen = match state.foothold {
             Some(kept) if share > 0.7 => kept,
@@ -403,6 +411,7 @@ impl Gait {
                 p,
                 leg.hip().x > 0.0,
                 nominal.into(),
+                &reach,
                 previous.map(Into::into),
             )),
         };

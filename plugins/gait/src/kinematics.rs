@@ -167,12 +167,17 @@ impl Leg {
         q
     }
 
-    fn within_reach(&self, target: &Vector3<f64>) -> Vector3<f64> {
+    /// From [`Leg::hip`] to the centre of the foot with the leg as straight as it gets, m.
+    pub(crate) fn longest_m(&self) -> f64 {
+        let lateral = self.lateral_m();
         // The first joint is near the second, so the distance from their common place bounds the leg.
+        (self.reach_m * self.reach_m + lateral * lateral).sqrt()
+    }
+
+    fn within_reach(&self, target: &Vector3<f64>) -> Vector3<f64> {
         let hip = self.hip();
         let offset = target - hip;
-        let lateral = self.lateral_m();
-        let longest = (self.reach_m * self.reach_m + lateral * lateral).sqrt();
+        let longest = self.longest_m();
         let length = offset.norm();
         if length > longest { hip + offset * (longest / length) } else { *target }
     }

@@ -92,6 +92,7 @@ parameters! {
     hind_heel_margin_m: 0.05 in 0.0..=0.16, "m", Linear, "Distance that hind feet keep from a riser behind.";
     edge_weight: 3.0 in 0.3..=60.0, "1", Log, "How much a margin counts against leaving the nominal foothold.";
     search_m: 0.16 in 0.04..=0.28, "m", Linear, "How far the foothold may move from the nominal one.";
+    reach_weight: 0.0 in 0.0..=60.0, "1", Linear, "How much a foothold counts that the leg will not reach.";
     keep_weight: 0.3 in 0.02..=3.0, "1", Log, "How much the foothold sticks to the one chosen before.";
     clearance_m: 0.07 in 0.03..=0.16, "m", Linear, "Height of the swing above the highest ground it crosses.";
     lift_share: 0.25 in 0.1..=0.45, "1", Linear, "Share of the swing in which the foot rises.";
