@@ -27,6 +27,11 @@ const MAP: TerrainPatch = TerrainPatch { back_m: 1.2, front_m: 2.2, half_width_m
 pub struct Says(Arc<Mutex<(f32, f32)>>);
 
 impl Says {
+    /// Viability and cost of transport, until they are [`set`](Self::set) otherwise.
+    pub fn always(viability: f32, cot: f32) -> Self {
+        Self(Arc::new(Mutex::new((viability, cot))))
+    }
+
     /// From now on.
     pub fn set(&self, viability: f32, cot: f32) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (viability, cot);
@@ -80,7 +85,8 @@ impl Walking {
             }
         };
         let bad = library.and_then(|library| library.create(fault, &robot.description));
-        let [walk_says, bad_says] = [(0.99, 0.5), (0.1, 0.1)].map(|says| Says(Arc::new(Mutex::new(says))));
+        let [walk_says, bad_says] =
+            [(0.99, 0.5), (0.1, 0.1)].map(|(viability, cot)| Says::always(viability, cot));
         let skill = |name: &str, controller: PluginInstance, says: &Says| Skill {
             rule: vocaloco_core::selector::Rule {
                 name: name.into(),
