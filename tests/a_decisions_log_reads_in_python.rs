@@ -14,6 +14,7 @@ fn skill(name: &str, viability_threshold: f32) -> SetupSkill {
     SetupSkill {
         name: name.to_owned(),
         viability_threshold,
+        hold_threshold: None,
         cost_margin: 0.1,
         position_target: false,
         forward_m_per_s: [0.4, 0.7],

@@ -20,6 +20,29 @@ fn a_deployments_threshold_stands_in_for_its_skills_own() {
 }
 
 #[test]
+fn a_skill_that_drives_is_not_held_to_more_than_it_begins_with() {
+    let fixture = Fixture::new();
+    for skill in ["first", "last"] {
+        fixture.add_skill(skill, "none", 0.97, 0.3);
+    }
+    fixture.add_deployment("two", &["first", "last"]);
+    fixture.alter(
+        "manifests/deployments/two.toml",
+        "robot",
+        "hold_thresholds = { last = 0.7, first = 0.95 }\nrobot",
+    );
+    let loaded = load_deployment(&fixture.installation(), "two").expect("one skill is sound");
+    let held: Vec<_> =
+        loaded.skills.iter().map(|skill| (skill.manifest.name.as_str(), skill.hold_threshold)).collect();
+    assert_eq!(held, [("last", Some(0.7))]);
+    let [refusal] = loaded.refused.as_slice() else { panic!("{:?}", loaded.refused) };
+    let refusal = refusal.to_string();
+    for part in ["first", "hold_thresholds.first", "0.95", "at most 0.9, its viability threshold"] {
+        assert!(refusal.contains(part), "{part:?} is not in {refusal}");
+    }
+}
+
+#[test]
 fn deployments_that_cannot_be_compared_are_refused_before_anything_is_measured() {
     let out = tempfile::tempdir().expect("a temporary folder");
     for (flag, name) in [("--promised", "anymal_obstacles"), ("--added", "anymal_stairs_promised")] {

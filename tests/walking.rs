@@ -91,6 +91,7 @@ impl Walking {
             rule: vocaloco_core::selector::Rule {
                 name: name.into(),
                 viability_threshold: Self::THRESHOLD,
+                hold_threshold: Self::THRESHOLD,
                 ..Skill::rule_of(&loaded.manifest)
             },
             needs: *controller.needs(),

@@ -23,8 +23,10 @@ use examine::examine;
 /// A sound skill, ready to make instances.
 #[derive(Debug)]
 pub struct LoadedSkill {
-    /// Its manifest.
+    /// Its manifest, with the deployment's viability threshold where that names one.
     pub manifest: SkillManifest,
+    /// The deployment's threshold for it while it drives; none is its viability threshold.
+    pub hold_threshold: Option<f32>,
     /// Its plugin.
     pub library: Arc<PluginLibrary>,
     /// The text that its instances are made from: its parameter file, or the contract of its policy.
@@ -189,11 +191,28 @@ pub(crate) fn load_deployed(
     examine(installation, skill, robot, ModelPolicy::Required, intake)
         .map_err(|findings| first(installation, skill, findings))
         .and_then(|loaded| fits_rate(installation, deployment, loaded))
-        .map(|mut loaded| {
-            let own = &mut loaded.manifest.selection.viability_threshold;
-            *own = deployment.viability_thresholds.get(skill).copied().unwrap_or(*own);
-            loaded
-        })
+        .and_then(|loaded| with_thresholds(installation, deployment, loaded))
+}
+
+/// The skill under the thresholds that the deployment sets for it.
+fn with_thresholds(
+    installation: &Installation,
+    deployment: &Deployment,
+    mut loaded: LoadedSkill,
+) -> Result<LoadedSkill, Refusal> {
+    let skill = &loaded.manifest.name;
+    let threshold = &mut loaded.manifest.selection.viability_threshold;
+    *threshold = deployment.viability_thresholds.get(skill).copied().unwrap_or(*threshold);
+    loaded.hold_threshold = deployment.hold_thresholds.get(skill).copied();
+    match loaded.hold_threshold {
+        Some(hold) if hold > *threshold => {
+            let field = format!("hold_thresholds.{skill}");
+            let wanted = format!("at most {threshold}, its viability threshold");
+            let finding = Finding::new(&deployment.file, &field, hold, wanted);
+            Err(Refusal { skill: skill.clone(), finding: finding.relative_to(&installation.root) })
+        }
+        _ => Ok(loaded),
+    }
 }
 
 /// Reads a deployment's manifest alone.

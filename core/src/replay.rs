@@ -92,7 +92,8 @@ impl Replayer {
             predictions.clear();
             predictions.extend((0..rules.len()).map(|skill| predict(decision, skill)));
             let [forward, left, yaw_rate] = decision.command;
-            choice = selector.choose(predictions, &Command::velocity(forward, left, yaw_rate), reasons);
+            let command = Command::velocity(forward, left, yaw_rate);
+            choice = selector.choose(predictions, &command, filter.active(), reasons);
             let viable = |skill: usize| matches!(reasons.get(skill), Some(Reason::Viable { .. }));
             let verdict = match filter.active() {
                 Active::Skill(skill) => reasons.get(skill).copied(),

@@ -13,6 +13,7 @@ use vocaloco_plugin_api::{Command, CommandKind};
 
 use crate::manifest::CommandRange;
 use crate::moves::Moves;
+use crate::switch::Active;
 
 /// Unusable predictions in a row that take a skill out of service.
 pub const UNUSABLE_IN_A_ROW: u32 = 3;
@@ -55,6 +56,8 @@ pub struct Rule {
     pub name: String,
     /// Least predicted viability at which it may be chosen.
     pub viability_threshold: f32,
+    /// Least predicted viability at which it may go on while it drives; not above the threshold.
+    pub hold_threshold: f32,
     /// Share by which another viable skill must be cheaper once this one has won.
     pub cost_margin: f32,
     /// Commands it takes.
@@ -63,6 +66,16 @@ pub struct Rule {
     pub time_limit_s: f64,
     /// Once active, it stays until its position target, its time limit or a fault.
     pub committed: bool,
+}
+
+impl Rule {
+    /// Sets another viability threshold; what a skill that drives is held to follows where it was the same, and
+    /// is never above it.
+    pub fn set_threshold(&mut self, threshold: f32) {
+        let follows = self.hold_threshold >= self.viability_threshold;
+        self.viability_threshold = threshold;
+        self.hold_threshold = if follows { threshold } else { self.hold_threshold.min(threshold) };
+    }
 }
 
 /// Why a skill is, or is not, viable this tick.
@@ -207,19 +220,24 @@ impl Selector {
     /// otherwise win by turns, no window would ever agree, and the robot would stop before stairs
     /// that both can climb.
     ///
+    /// The skill that drives, if one does, is held to its [`Rule::hold_threshold`]: a stop half-way down
+    /// a flight may be more dangerous than what made the prediction sink.
+    ///
     /// # Source
     /// Wu et al. (2025), selection steps 3 and 4; commands, unusable predictions, costs that are not
-    /// positive and the margin are our own; a margin of 0 is the paper's rule.
+    /// positive, the margin and holding are our own; a margin of 0 and a [`Rule::hold_threshold`] equal to
+    /// the threshold are the paper's rule.
     pub fn choose(
         &mut self,
         predictions: &[Prediction],
         command: &Command,
+        drives: Active,
         reasons: &mut Vec<Reason>,
     ) -> Choice {
         reasons.clear();
         let mut cheapest: Option<(usize, f32)> = None;
         for (skill, prediction) in predictions.iter().enumerate().take(self.rules.len()) {
-            let reason = self.judge(skill, *prediction, command);
+            let reason = self.judge(skill, *prediction, command, drives == Active::Skill(skill));
             reasons.push(reason);
             let is_cheaper = cheapest.is_none_or(|(_, cot)| prediction.cot < cot);
             if matches!(reason, Reason::Viable { .. }) && is_cheaper {
@@ -235,7 +253,7 @@ impl Selector {
         self.winner.map_or(Choice::Stop, Choice::Skill)
     }
 
-    fn judge(&mut self, skill: usize, prediction: Prediction, command: &Command) -> Reason {
+    fn judge(&mut self, skill: usize, prediction: Prediction, command: &Command, drives: bool) -> Reason {
         if let Some(why) = self.out_of_service[skill] {
             return why;
         }
@@ -252,7 +270,7 @@ impl Selector {
         if let Some(reason) = refusal(&rule.command, command) {
             return reason;
         }
-        let threshold = rule.viability_threshold;
+        let threshold = if drives { rule.hold_threshold } else { rule.viability_threshold };
         // Phrased as "is inside", so that NaN is refused too.
         let strange = prediction.strangeness.filter(|strangeness| !(0.0..=1.0).contains(strangeness));
         if let Some(strangeness) = strange {

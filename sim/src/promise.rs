@@ -100,6 +100,18 @@ pub fn promise(pairs: &[(f32, f32)], risk: Risk) -> Promise {
     }
 }
 
+/// The most events among `n` draws by which a share of at most `alpha` is still shown, with the chance
+/// `error` of being wrong; none where `n` draws without one do not show it.
+pub fn most_allowed(n: usize, alpha: f64, error: f64) -> Option<usize> {
+    (0..=n).take_while(|k| binomial_cdf(*k, n, alpha) <= error).last()
+}
+
+/// The most events among `n` draws that a share of `alpha` gives but for the chance `error`: more of them
+/// speak against the share.
+pub fn most_usual(n: usize, alpha: f64, error: f64) -> usize {
+    (0..n).find(|k| 1.0 - binomial_cdf(*k, n, alpha) <= error).unwrap_or(n)
+}
+
 /// Upper end of the one-sided 95 % interval of a share, `k` of `n` seen: the share at which so few
 /// would be seen in 5 % of cases.
 ///
@@ -107,13 +119,18 @@ pub fn promise(pairs: &[(f32, f32)], risk: Risk) -> Promise {
 /// Clopper, Pearson: *The use of confidence or fiducial limits illustrated in the case of the binomial*,
 /// Biometrika 26 (1934).
 pub fn upper_bound(k: usize, n: usize) -> f64 {
+    bound(k, n, ERROR)
+}
+
+/// [`upper_bound`] with another chance of `error`.
+pub fn bound(k: usize, n: usize, error: f64) -> f64 {
     if k >= n {
         return 1.0;
     }
     let (mut low, mut high) = (k as f64 / n as f64, 1.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if binomial_cdf(k, n, middle) > ERROR { low = middle } else { high = middle }
+        if binomial_cdf(k, n, middle) > error { low = middle } else { high = middle }
     }
     high
 }
@@ -144,6 +161,24 @@ mod tests {
         // R: binom.test(3, 100, alternative = "less")$conf.int
         assert!((upper_bound(3, 100) - 0.075_711).abs() < 1e-5, "{}", upper_bound(3, 100));
         assert_eq!(upper_bound(7, 7), 1.0);
+    }
+
+    #[test]
+    fn so_many_events_are_allowed_as_bound_a_share() {
+        assert_eq!(most_allowed(58, 0.05, ERROR), None);
+        assert_eq!(most_allowed(59, 0.05, ERROR), Some(0));
+        let k = most_allowed(1600, 0.01, ERROR).unwrap();
+        assert!(upper_bound(k, 1600) <= 0.01 && upper_bound(k + 1, 1600) > 0.01, "{k}");
+        assert!(most_allowed(1600, 0.01, ERROR / 16.0) < Some(k));
+    }
+
+    #[test]
+    fn more_events_than_usual_speak_against_a_share() {
+        // R: qbinom(0.95, 50, 0.01), qbinom(1 - 0.05 / 32, 50, 0.01), qbinom(0.95, 100, 0.5)
+        assert_eq!(most_usual(50, 0.01, ERROR), 2);
+        assert_eq!(most_usual(50, 0.01, ERROR / 32.0), 4);
+        assert_eq!(most_usual(100, 0.5, ERROR), 58);
+        assert_eq!(most_usual(3, 0.999, ERROR), 3);
     }
 
     #[test]

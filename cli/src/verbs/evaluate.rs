@@ -10,6 +10,7 @@ mod cells;
 mod course;
 mod handover;
 mod paper;
+mod promise;
 mod store;
 mod success;
 mod switches;
@@ -42,6 +43,8 @@ enum Experiment {
     Success(success::Args),
     /// Courses driven once, every tick kept: predictions, choice and active skill over time
     Course(course::Args),
+    /// Viability thresholds of a deployment under which it crashes on at most a share of courses
+    Promise(promise::Args),
     /// The paper's experiments: tables, figures and a page that holds our results beside its claims
     All(paper::Args),
     /// How hard the joints are shaken while one skill takes over from another
@@ -60,6 +63,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         Experiment::Novelty(_) => learning::hand_over("novelty", "novelty"),
         Experiment::Success(args) => success::run(&args),
         Experiment::Course(args) => course::run(&args),
+        Experiment::Promise(args) => promise::run(&args),
         Experiment::All(args) => paper::run(&args),
         Experiment::Switches(args) => switches::run(&args),
         Experiment::Handover(args) => handover::run(&args),

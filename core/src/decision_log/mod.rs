@@ -203,7 +203,7 @@ const SETUP_SCHEMA: &str = r#"{"title":"vocaloco.Setup","type":"object","propert
 "schema":{"type":"integer"},"version":{"type":"string"},"deployment":{"type":"string"},"robot":{"type":"string"},
 "backend":{"type":"string"},"rate_hz":{"type":"number"},"switch_window":{"type":"integer"},
 "stop_window":{"type":"integer"},"resume_window":{"type":"integer"},"skills":{"type":"array","items":{"type":"object",
-"properties":{"name":{"type":"string"},"viability_threshold":{"type":"number"},
+"properties":{"name":{"type":"string"},"viability_threshold":{"type":"number"},"hold_threshold":{"type":"number"},
 "cost_margin":{"type":"number"},"position_target":{"type":"boolean"},
 "forward_m_per_s":{"type":"array","items":{"type":"number"}}}}}}}"#;
 
@@ -217,7 +217,8 @@ const DECISION_SCHEMA: &str = r#"{"title":"vocaloco.Decision","type":"object","p
 "choice":{"type":"string"},"active":{"type":"string"},"stopped":{"type":"boolean"},"forced":{"type":"string"},
 "reason":{"type":"string"},"events":{"type":"array","items":{"type":"string"}},
 "roster":{"type":"array","items":{"type":"object","properties":{"name":{"type":"string"},
-"is_new":{"type":"boolean"},"viability_threshold":{"type":"number"},"cost_margin":{"type":"number"},
+"is_new":{"type":"boolean"},"viability_threshold":{"type":"number"},"hold_threshold":{"type":"number"},
+"cost_margin":{"type":"number"},
 "position_target":{"type":"boolean"},"forward_m_per_s":{"type":"array","items":{"type":"number"}}}}},
 "timings":{"type":"object","properties":{"predict_us":{"type":"number"},"act_us":{"type":"number"},
 "total_us":{"type":"number"}}}}}"#;

@@ -41,6 +41,9 @@ pub struct SetupSkill {
     pub name: String,
     /// Least predicted viability at which it may be chosen.
     pub viability_threshold: f32,
+    /// Least predicted viability at which it might go on while it drove; none was the threshold.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hold_threshold: Option<f32>,
     /// Share by which another had to be cheaper once it had won.
     #[serde(default)]
     pub cost_margin: f32,
@@ -86,6 +89,7 @@ impl SetupSkill {
         Self {
             name: rule.name.clone(),
             viability_threshold: rule.viability_threshold,
+            hold_threshold: Some(rule.hold_threshold).filter(|hold| *hold != rule.viability_threshold),
             cost_margin: rule.cost_margin,
             position_target: rule.command.kind == CommandKind::PositionTarget,
             forward_m_per_s: rule.command.forward_m_per_s,
@@ -98,6 +102,7 @@ impl SetupSkill {
         Rule {
             name: self.name.clone(),
             viability_threshold: self.viability_threshold,
+            hold_threshold: self.hold_threshold.unwrap_or(self.viability_threshold),
             cost_margin: self.cost_margin,
             command: CommandRange { kind, forward_m_per_s: self.forward_m_per_s, target_distance_m: None },
             // Both show in what was decided.

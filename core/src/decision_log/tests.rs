@@ -80,11 +80,33 @@ fn a_log_of_skills_that_come_and_go_comes_back_and_one_that_hides_it_is_refused(
 }
 
 #[test]
+fn a_log_of_a_skill_that_was_held_is_decided_again_as_it_was() {
+    let folder = tempfile::tempdir().unwrap();
+    let walk = fake(0.99, 0.2);
+    let mut held = skill("walk", &walk);
+    held.rule.hold_threshold = 0.5;
+    let mut it = Loop::new(vec![held]);
+    let setup = Setup::of(&it.runtime, "test");
+    let mut decisions: Vec<_> = (0..30).map(|_| it.tick()).collect();
+    for viability in [0.6, 0.4, 0.6] {
+        walk.with(|script| script.prediction = Some((viability, 0.2)));
+        decisions.extend((0..30).map(|_| it.tick()));
+    }
+    let active = |tick: usize| decisions[tick].active.as_str();
+    assert_eq!([active(29), active(59), active(89), active(119)], ["walk", "walk", "stand", "stand"]);
+    let log = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap();
+    assert_eq!(log.setup, setup);
+    for (again, decision) in as_recorded(&log.setup, &log.decisions).iter().zip(&decisions) {
+        assert!(again.agrees_with(decision), "tick {}: {again:?}, {decision:?}", decision.tick);
+    }
+}
+
+#[test]
 fn other_thresholds_and_windows_decide_otherwise() {
     let (setup, decisions) = eventful();
     let mut rules = setup.rules();
-    rules[0].viability_threshold = 0.999;
-    rules[1].viability_threshold = 0.9;
+    rules[0].set_threshold(0.999);
+    rules[1].set_threshold(0.9);
     let windows = Windows { switch: 3, ..setup.windows() };
     let again = crate::replay::replay(&rules, windows, &decisions, |decision, skill| {
         decision.skills[skill].prediction()

@@ -38,6 +38,8 @@ pub struct Deployment {
     pub switching: Switching,
     /// Thresholds of viability in place of the skills' own.
     pub viability_thresholds: BTreeMap<String, f32>,
+    /// Thresholds of viability for a skill while it drives, where they are not those to begin.
+    pub hold_thresholds: BTreeMap<String, f32>,
     /// Keys of which one must have signed the lock; none demand no signature.
     pub trusted_keys: Vec<PublicKey>,
 }
@@ -71,6 +73,8 @@ struct Raw {
     switching: RawSwitching,
     #[serde(default)]
     viability_thresholds: BTreeMap<String, f64>,
+    #[serde(default)]
+    hold_thresholds: BTreeMap<String, f64>,
     #[serde(default)]
     trusted_keys: Vec<String>,
 }
@@ -143,14 +147,18 @@ impl Deployment {
             text.parse::<PublicKey>().map_err(refuse)
         });
         let trusted_keys = trusted_keys.collect::<Result<Vec<_>, _>>()?;
-        let viability_thresholds = raw.viability_thresholds.iter().map(|(skill, threshold)| {
-            let field = format!("viability_thresholds.{skill}");
-            if !raw.skills.contains(skill) {
-                return Err(source.finding(&field, format!("{skill:?}"), "a skill of this deployment"));
-            }
-            Ok((skill.clone(), source.inside(&field, *threshold, 0.0..=1.0)? as f32))
-        });
-        let viability_thresholds = viability_thresholds.collect::<Result<_, _>>()?;
+        let thresholds = |table: &str, raw_table: &BTreeMap<String, f64>| {
+            let one = |(skill, threshold): (&String, &f64)| {
+                let field = format!("{table}.{skill}");
+                if !raw.skills.contains(skill) {
+                    return Err(source.finding(&field, format!("{skill:?}"), "a skill of this deployment"));
+                }
+                Ok((skill.clone(), source.inside(&field, *threshold, 0.0..=1.0)? as f32))
+            };
+            raw_table.iter().map(one).collect::<Result<BTreeMap<_, _>, _>>()
+        };
+        let viability_thresholds = thresholds("viability_thresholds", &raw.viability_thresholds)?;
+        let hold_thresholds = thresholds("hold_thresholds", &raw.hold_thresholds)?;
         let window = |field: &str, ticks: usize| {
             if (1..=1000).contains(&ticks) {
                 Ok(ticks)
@@ -175,6 +183,7 @@ impl Deployment {
                 mixing: raw.switching.mixing,
             },
             viability_thresholds,
+            hold_thresholds,
             trusted_keys,
             robot: raw.robot,
             skills: raw.skills,

@@ -97,7 +97,16 @@ pub(super) fn examine(
         (Ok(parameters), Ok(library), Ok(policy), Some(needs), Ok(viability), Ok(cot))
             if findings.is_empty() =>
         {
-            Ok(LoadedSkill { manifest, library, parameters, needs, policy, viability, cot })
+            Ok(LoadedSkill {
+                manifest,
+                hold_threshold: None,
+                library,
+                parameters,
+                needs,
+                policy,
+                viability,
+                cot,
+            })
         }
         (parameters, library, network, _, viability, cot) => {
             findings.extend(library.err());

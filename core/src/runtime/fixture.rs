@@ -119,6 +119,7 @@ pub(crate) fn skill(name: &str, fake: &Fake) -> Skill {
         rule: Rule {
             name: name.into(),
             viability_threshold: 0.95,
+            hold_threshold: 0.95,
             cost_margin: 0.0,
             command: CommandRange {
                 kind: CommandKind::Velocity,

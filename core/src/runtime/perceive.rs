@@ -76,7 +76,12 @@ impl Runtime {
                     self.predict(index, field)
                 };
             }
-            self.selector.choose(&self.predictions, &observation.command, &mut self.reasons)
+            self.selector.choose(
+                &self.predictions,
+                &observation.command,
+                self.filter.active(),
+                &mut self.reasons,
+            )
         } else {
             self.predictions.fill(Prediction::NONE);
             self.reasons.clear();

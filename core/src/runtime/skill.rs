@@ -112,7 +112,8 @@ impl Skill {
     /// # Errors
     /// The plugin refuses, or the skill lacks its predictors.
     pub fn of(loaded: LoadedSkill, robot: &RobotDescription) -> Result<Self, RuntimeError> {
-        let rule = Self::rule_of(&loaded.manifest);
+        let mut rule = Self::rule_of(&loaded.manifest);
+        rule.hold_threshold = loaded.hold_threshold.unwrap_or(rule.viability_threshold);
         let controller = Box::new(loaded.create(robot)?);
         let (Some(viability), Some(cot)) = (loaded.viability, loaded.cot) else {
             return Err(RuntimeError::NoPredictors(rule.name));
@@ -135,6 +136,7 @@ impl Skill {
         Rule {
             name: manifest.name.clone(),
             viability_threshold: manifest.selection.viability_threshold,
+            hold_threshold: manifest.selection.viability_threshold,
             cost_margin: manifest.selection.cost_margin,
             command: manifest.command,
             time_limit_s: manifest.rollout.time_limit_s,

@@ -53,6 +53,21 @@ fn with_no_viable_skill_it_stops_through_the_window_and_leaves_after_the_resume_
 }
 
 #[test]
+fn a_skill_that_drives_goes_on_down_to_what_it_is_held_to_and_begins_at_its_threshold() {
+    let walk = fake(0.99, 0.2);
+    let mut held = skill("walk", &walk);
+    held.rule.hold_threshold = 0.6;
+    let mut it = Loop::new(vec![held]);
+    it.until("walk");
+    walk.with(|script| script.prediction = Some((0.7, 0.2)));
+    assert_eq!(it.ticks(50).active, "walk");
+    walk.with(|script| script.prediction = Some((0.5, 0.2)));
+    assert_eq!(it.until("stand"), 10);
+    walk.with(|script| script.prediction = Some((0.7, 0.2)));
+    assert_eq!(it.ticks(50).active, "stand");
+}
+
+#[test]
 fn a_zero_command_stands_at_once() {
     let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
     it.until("walk");

@@ -8,6 +8,7 @@ fn rule(name: &str, viability_threshold: f32) -> Rule {
     Rule {
         name: name.into(),
         viability_threshold,
+        hold_threshold: viability_threshold,
         cost_margin: 0.0,
         command,
         time_limit_s: 4.0,
@@ -22,7 +23,7 @@ fn selector() -> Selector {
 fn choose(selector: &mut Selector, predictions: [(f32, f32); 3], command: &Command) -> (Choice, Vec<Reason>) {
     let predictions = predictions.map(|(viability, cot)| Prediction::of(viability, cot));
     let mut reasons = Vec::new();
-    let choice = selector.choose(&predictions, command, &mut reasons);
+    let choice = selector.choose(&predictions, command, Active::Stand, &mut reasons);
     (choice, reasons)
 }
 
@@ -129,7 +130,7 @@ fn a_skill_added_with_lower_cost_wins_and_changes_no_other_verdict() {
     let predictions = [(0.99, 0.3), (0.99, 0.9), (0.1, 0.5), (0.99, 0.25)];
     let predictions = predictions.map(|(viability, cot)| Prediction::of(viability, cot));
     let mut reasons = Vec::new();
-    assert_eq!(grown.choose(&predictions, &FORWARD, &mut reasons), Choice::Skill(3));
+    assert_eq!(grown.choose(&predictions, &FORWARD, Active::Stand, &mut reasons), Choice::Skill(3));
     assert_eq!(reasons[..3], before[..]);
 }
 
@@ -148,8 +149,44 @@ fn terrain_unlike_the_training_s_is_not_viable_however_sure_the_prediction() {
         |strangeness: f32| Prediction { strangeness: Some(strangeness), ..Prediction::of(0.99, 0.2) };
     for strangeness in [1.01, 40.0, f32::NAN, f32::INFINITY, -1.0] {
         let predictions = [strange(strangeness), strange(1.0), Prediction::of(0.99, 0.5)];
-        assert_eq!(selector.choose(&predictions, &FORWARD, &mut reasons), Choice::Skill(1), "{strangeness}");
+        assert_eq!(
+            selector.choose(&predictions, &FORWARD, Active::Stand, &mut reasons),
+            Choice::Skill(1),
+            "{strangeness}"
+        );
         assert!(matches!(reasons[0], Reason::UnknownTerrain { .. }), "{strangeness}: {}", reasons[0]);
         assert!(!reasons[0].is_out_of_service());
     }
+}
+
+#[test]
+fn a_skill_that_drives_is_held_to_its_own_threshold_and_others_are_not() {
+    let held = |name| Rule { hold_threshold: 0.5, ..rule(name, 0.9) };
+    let mut selector = Selector::new(vec![held("walk"), held("climb")]);
+    let predictions = [Prediction::of(0.7, 0.5), Prediction::of(0.7, 0.2)];
+    let mut reasons = Vec::new();
+    let mut choose = |predictions: &[Prediction], drives| {
+        (selector.choose(predictions, &FORWARD, drives, &mut reasons), reasons.clone())
+    };
+    assert_eq!(choose(&predictions, Active::Stand).0, Choice::Stop);
+    let (choice, reasons) = choose(&predictions, Active::Skill(0));
+    assert_eq!(choice, Choice::Skill(0));
+    let wanted = [Reason::Viable { threshold: 0.5 }, Reason::BelowThreshold { threshold: 0.9 }];
+    assert_eq!(reasons, wanted);
+    let sunk = [Prediction::of(0.4, 0.5), predictions[1]];
+    assert_eq!(choose(&sunk, Active::Skill(0)).0, Choice::Stop);
+    // Having won is not driving: while the window has not agreed yet, the threshold to begin counts.
+    assert_eq!(choose(&predictions, Active::Stand).0, Choice::Stop);
+}
+
+#[test]
+fn holding_follows_a_threshold_that_is_set_unless_it_is_lower() {
+    let mut same = rule("walk", 0.9);
+    same.set_threshold(0.95);
+    assert_eq!((same.viability_threshold, same.hold_threshold), (0.95, 0.95));
+    let mut lower = Rule { hold_threshold: 0.8, ..rule("walk", 0.9) };
+    lower.set_threshold(0.95);
+    assert_eq!(lower.hold_threshold, 0.8);
+    lower.set_threshold(0.7);
+    assert_eq!(lower.hold_threshold, 0.7);
 }

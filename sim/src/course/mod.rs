@@ -3,6 +3,7 @@
 //! The robot is steered to the terrain's heading and nothing else; whoever decides is a [`Pilot`],
 //! the selector of `vocaloco-core` or one skill alone. Deterministic for a seed and a rollout.
 
+mod blame;
 mod drive;
 mod oracle;
 mod pilot;
@@ -15,13 +16,14 @@ mod switches;
 #[cfg(test)]
 mod tests;
 
+pub use blame::{Blame, blame};
 pub use drive::drive;
 pub use oracle::{Ground, Oracle, Worth};
 pub use pilot::{Pilot, PilotTick, SelectorPilot, SkillPilot};
 pub use record::{CourseRun, CourseTick, Outcome, Switch};
 pub use runtimes::{Crew, Runtimes};
 pub use stage::CourseStage;
-pub use success::{Lost, Selector, SuccessRow, roll_out, success};
+pub use success::{Lost, Selector, SuccessRow, roll_out, roll_out_each, success};
 pub use switches::{Peaks, SwitchesRow, switches};
 
 use thiserror::Error;

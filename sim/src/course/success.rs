@@ -140,15 +140,28 @@ pub fn success(
     selector: &Selector<'_>,
     progress: &(dyn Fn() + Sync),
 ) -> Result<SuccessRow, CourseError> {
-    let one = |rollout: usize| {
-        let config = CourseConfig { rollout: rollout as u64, ..config.clone() };
-        let run = roll_out(robot, &config, selector)?;
+    let configs: Vec<_> = (0..n).map(|rollout| CourseConfig { rollout, ..config.clone() }).collect();
+    let ended = |run| {
         progress();
-        Ok(run)
+        run
     };
-    let runs: Vec<CourseRun> =
-        (0..n as usize).into_par_iter().with_max_len(1).map(one).collect::<Result<_, CourseError>>()?;
+    let runs = roll_out_each(robot, &configs, selector, &ended)?;
     Ok(summarise(config, selector.id(), &runs))
+}
+
+/// Rolls every course out, in parallel on the current rayon pool, and gives what `ended` makes of each, in
+/// their order; it is called from any thread.
+///
+/// # Errors
+/// As [`roll_out`], of the first rollout that cannot be driven.
+pub fn roll_out_each<R: Send>(
+    robot: &Arc<RobotModel>,
+    configs: &[CourseConfig],
+    selector: &Selector<'_>,
+    ended: &(dyn Fn(CourseRun) -> R + Sync),
+) -> Result<Vec<R>, CourseError> {
+    let one = |config: &CourseConfig| roll_out(robot, config, selector).map(ended);
+    configs.par_iter().with_max_len(1).map(one).collect()
 }
 
 fn summarise(config: &CourseConfig, selector: String, runs: &[CourseRun]) -> SuccessRow {

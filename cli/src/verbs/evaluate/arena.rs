@@ -20,11 +20,12 @@ use vocaloco_core::{
 use vocaloco_sim::{
     collected::Collected,
     course::{
-        CourseConfig, CourseError, CourseRun, Crew, Ground, Oracle, Runtimes, Selector, SuccessRow, Worth,
-        roll_out, success,
+        Blame, CourseConfig, CourseError, CourseRun, Crew, Ground, Oracle, Outcome, Runtimes, Selector,
+        SuccessRow, Worth, blame, roll_out, roll_out_each, success,
     },
     dataset::SkillId,
     evaluate::Query,
+    identity::sha256_hex,
     plant::PlantKind,
     terrain::{Course, TerrainKind},
     threads::with_threads,
@@ -61,6 +62,8 @@ pub(super) struct Member {
     selection: String,
     viability_sha256: String,
     cot_sha256: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    hold_threshold: Option<f32>,
     #[serde(skip)]
     pub(super) threshold: f32,
 }
@@ -87,6 +90,8 @@ pub(super) struct Arena {
     /// Windows and handover, as results depend on them.
     rules: String,
     actors: BTreeMap<String, Actor>,
+    /// Viability thresholds in place of the deployment's own.
+    raised: BTreeMap<String, f32>,
     store: Store,
     threads: usize,
 }
@@ -126,6 +131,7 @@ impl Arena {
             members,
             rules,
             actors,
+            raised: BTreeMap::new(),
             store,
             threads,
         })
@@ -139,6 +145,14 @@ impl Arena {
     /// Skills with their thresholds, in the deployment's order.
     pub(super) fn thresholds(&self) -> Vec<(String, f32)> {
         self.members.iter().map(|member| (member.id.name.clone(), member.threshold)).collect()
+    }
+
+    /// Sets a skill's threshold for all that is driven from now on.
+    pub(super) fn set_threshold(&mut self, skill: &str, threshold: f32) {
+        self.raised.insert(skill.to_owned(), threshold);
+        for member in self.members.iter_mut().filter(|member| member.id.name == skill) {
+            member.threshold = threshold;
+        }
     }
 
     /// Runtimes of the deployment under a variation; the oracle's are made for one course and height.
@@ -165,8 +179,9 @@ impl Arena {
         let ready = |skill| Skill::of(skill, &self.robot.description);
         let mut skills = loaded.skills.into_iter().map(ready).collect::<Result<Vec<_>, _>>()?;
         for skill in &mut skills {
-            if let Some(threshold) = variation.threshold {
-                skill.rule.viability_threshold = threshold;
+            let raised = self.raised.get(&skill.rule.name).copied();
+            if let Some(threshold) = variation.threshold.or(raised) {
+                skill.rule.set_threshold(threshold);
             }
             skill.rule.committed &= !variation.without_commitment;
         }
@@ -250,6 +265,44 @@ impl Arena {
         let setup = runtimes
             .with(|crew| Ok(vocaloco_core::decision_log::Setup::of(&crew.runtime, &self.deployment)))?;
         Ok((roll_out(&self.robot, config, &Selector::Runtime(&runtimes))?, Some(setup)))
+    }
+
+    /// How rollouts of the deployment end, and which skill a crash is laid at; in parallel, in their order.
+    pub(super) fn ends(
+        &self,
+        configs: &[CourseConfig],
+        progress: &(dyn Fn() + Sync),
+    ) -> anyhow::Result<Vec<(Outcome, Option<Blame>)>> {
+        let runtimes = self.runtimes(&Who::Vocaloco, Variation::default());
+        let window = load_deployment(&self.installation, &self.deployment)?.deployment.switch_window;
+        let is_held = |skill: &str| {
+            let member = self.members.iter().find(|member| member.id.name == skill);
+            member.is_some_and(|member| member.hold_threshold.is_some())
+        };
+        let ended = |run: CourseRun| {
+            progress();
+            (run.outcome, blame(&run, window, |skill| is_held(skill)))
+        };
+        let all = || roll_out_each(&self.robot, configs, &Selector::Runtime(&runtimes), &ended);
+        Ok(with_threads(self.threads, all)??)
+    }
+
+    /// A result that rollouts of the deployment under its present thresholds make; measured unless it stands.
+    pub(super) fn of_rollouts<T: Serialize + DeserializeOwned>(
+        &self,
+        experiment: &str,
+        configs: &[CourseConfig],
+        (standing, measure): (impl FnOnce(), impl FnOnce() -> anyhow::Result<T>),
+    ) -> anyhow::Result<T> {
+        let key = serde_json::json!({
+            "experiment": experiment,
+            "made_by": MadeBy::this(&self.robot, PlantKind::Reference),
+            "members": self.members,
+            "rules": self.rules,
+            "thresholds": self.thresholds(),
+            "configs": sha256_hex(format!("{configs:?}").as_bytes()),
+        });
+        self.store.result(experiment, &key, standing, measure)
     }
 
     /// The same through the store; `drive` makes it.
@@ -354,6 +407,7 @@ impl Member {
             selection: format!("{selection:?} {:?}", skill.manifest.command),
             viability_sha256: hash(skill.viability.as_ref())?,
             cot_sha256: hash(skill.cot.as_ref())?,
+            hold_threshold: skill.hold_threshold,
             threshold: selection.viability_threshold,
         })
     }

@@ -99,7 +99,7 @@ pub(super) fn decide(changes: &Changes, log: &DecisionLog) -> anyhow::Result<Alt
                         names.join(", ")
                     )
                 })?;
-                rule.viability_threshold = *threshold;
+                rule.set_threshold(*threshold);
             }
             Change::Window(ticks) => {
                 windows.switch = *ticks;
