@@ -3,13 +3,19 @@
 use vocaloco_core::registry::load_deployment;
 use vocaloco_tests::Fixture;
 
-#[test]
-fn a_deployments_threshold_stands_in_for_its_skills_own() {
+/// A deployment of two skills, `two`.
+fn two() -> Fixture {
     let fixture = Fixture::new();
     for skill in ["first", "last"] {
         fixture.add_skill(skill, "none", 0.97, 0.3);
     }
     fixture.add_deployment("two", &["first", "last"]);
+    fixture
+}
+
+#[test]
+fn a_deployments_threshold_stands_in_for_its_skills_own() {
+    let fixture = two();
     let thresholds = |fixture: &Fixture| -> Vec<f32> {
         let loaded = load_deployment(&fixture.installation(), "two").expect("sound");
         loaded.skills.iter().map(|skill| skill.manifest.selection.viability_threshold).collect()
@@ -21,11 +27,7 @@ fn a_deployments_threshold_stands_in_for_its_skills_own() {
 
 #[test]
 fn a_skill_that_drives_is_not_held_to_more_than_it_begins_with() {
-    let fixture = Fixture::new();
-    for skill in ["first", "last"] {
-        fixture.add_skill(skill, "none", 0.97, 0.3);
-    }
-    fixture.add_deployment("two", &["first", "last"]);
+    let fixture = two();
     fixture.alter(
         "manifests/deployments/two.toml",
         "robot",
