@@ -74,6 +74,14 @@ fn a_skill_that_crashes_is_refused_until_it_does_so_no_more() {
 }
 
 #[test]
+fn a_course_named_twice_is_refused_since_its_rollouts_would_count_twice() {
+    let refused = promise(&fixture(), &["--size-m", "0.2,0.3"]);
+    let error = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(2), "{error}");
+    assert!(error.contains("found stairs_down of 0.3 m twice, wanted each once"), "{error}");
+}
+
+#[test]
 fn too_few_rollouts_to_show_a_share_are_refused_before_any_is_driven() {
     let fixture = fixture();
     let refused = promise(&fixture, &["--alpha", "0.01"]);

@@ -25,6 +25,8 @@ use crate::{exit::Exit, output, progress, verbs::Shared};
 /// unless one height has more of them than that share gives by chance in 19 of 20 cases. Otherwise the skill to
 /// which most crashes are laid is refused the quarter of them of which it was least sure, and the next round begins.
 /// Every round is kept in --store, and a run that is killed goes on with the next.
+/// Thresholds that were chosen by looking at a search are shown with another --seed than it had: the same seed
+/// drives the same courses.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Deployment whose skills may run; its thresholds are where the search begins
@@ -73,8 +75,8 @@ const ERROR: f64 = 0.05;
 const FIRST_OF_ROUND: u64 = 1_000_000;
 /// Rollouts driven before crashes are counted again.
 const BATCH: usize = 64;
-/// Thresholds are raised to multiples of this.
-const GRAIN: f32 = 1e-4;
+/// Thresholds are raised to whole parts of one by so many, decimals that a file can hold.
+const PARTS: f64 = 1e4;
 
 /// Rollouts of a round, as far as it came.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -163,7 +165,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         let Some((skill, threshold)) = raised(&driven.crashes, &arena.thresholds()) else { break };
         bar.suspend(|| {
             eprintln!(
-                "round {round}: {} crashes in {} rollouts; {skill} from {threshold:.4} on",
+                "round {round}: {} crashes in {} rollouts; {skill} from {threshold} on",
                 driven.crashes.len(),
                 driven.rollouts
             );
@@ -188,20 +190,34 @@ fn raised(crashes: &[Crash], thresholds: &[(String, f32)]) -> Option<(String, f3
     // What drove on although it was refused asks for a step.
     seen.retain(|predicted| predicted >= old);
     seen.sort_by(f32::total_cmp);
-    let least_sure = seen.get(seen.len() / 4).unwrap_or(old);
-    let grains = ((least_sure / GRAIN).floor() + 1.0) * GRAIN;
-    Some((skill.clone(), grains.min(1.0)))
+    let least_sure = *seen.get(seen.len() / 4).unwrap_or(old);
+    let part = |parts: f64| (parts / PARTS) as f32;
+    let below = (f64::from(least_sure) * PARTS).floor();
+    // The f32 next to a decimal may lie below it, and the next part is then no step.
+    let above = [1.0, 2.0].map(|more| part(below + more)).into_iter().find(|raised| *raised > least_sure);
+    Some((skill.clone(), above.unwrap_or(1.0).min(1.0)))
 }
 
 impl Args {
     fn check(&self) -> anyhow::Result<()> {
-        ensure!(self.rollouts > 0, "--rollouts: found 0, wanted 1 or more");
+        let rollouts = self.rollouts;
+        let most = FIRST_OF_ROUND;
+        ensure!((1..=most).contains(&rollouts), "--rollouts: found {rollouts}, wanted 1 to {most}");
         ensure!((1..=40).contains(&self.rounds), "--rounds: found {}, wanted 1 to 40", self.rounds);
         ensure!((1..=40).contains(&self.steps), "--steps: found {}, wanted 1 to 40", self.steps);
         let alpha = self.alpha;
         ensure!(alpha > 0.0 && alpha < 1.0, "--alpha: found {alpha}, wanted a share between 0 and 1");
         for size_m in &self.size_m {
             ensure!((0.0..=1.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 1");
+        }
+        // The same course twice would be the same rollouts, counted as if they were others.
+        let cells = self.cells();
+        for (index, cell) in cells.iter().enumerate() {
+            let (course, size_m) = (cell.0.id(), cell.1);
+            ensure!(
+                !cells[..index].contains(cell),
+                "--course, --size-m: found {course} of {size_m} m twice, wanted each once"
+            );
         }
         for (flag, noise_m) in [("field", self.field_noise_m), ("patch", self.patch_noise_m)] {
             ensure!((0.0..=1.0).contains(&noise_m), "--{flag}-noise-m: found {noise_m}, wanted 0 to 1");
@@ -273,7 +289,7 @@ impl Args {
         output::line("round  rollouts  crashed  allowed  stopped  thresholds")?;
         for Round { number, thresholds, allowed, driven, .. } in rounds {
             let list: Vec<String> =
-                thresholds.iter().map(|(name, threshold)| format!("{name} {threshold:.4}")).collect();
+                thresholds.iter().map(|(name, threshold)| format!("{name} {threshold}")).collect();
             output::line(&format!(
                 "{number:>5}  {:>8}  {:>7}  {allowed:>7}  {:>7}  {}",
                 driven.rollouts,
@@ -289,7 +305,7 @@ impl Args {
                 ))?;
                 output::line("[viability_thresholds]")?;
                 for (name, threshold) in &last.thresholds {
-                    output::line(&format!("{name} = {threshold:.4}"))?;
+                    output::line(&format!("{name} = {threshold}"))?;
                 }
             }
             None => output::line(&format!("no thresholds found that keep crashes to {}", self.alpha))?,
@@ -367,6 +383,14 @@ mod tests {
         // What was refused and drove on is refused sooner.
         let (_, threshold) = raised(&[crash("walk", 0.5)], &thresholds).unwrap();
         assert!(threshold > 0.98 && threshold < 0.9802, "{threshold}");
+        // Every step is one, and a short decimal that reads back as it is.
+        let mut thresholds = [("walk".to_owned(), 0.9)];
+        while let Some((_, threshold)) = raised(&[crash("walk", 0.0)], &thresholds) {
+            assert!(threshold > thresholds[0].1, "{threshold}");
+            assert!(threshold.to_string().len() <= "0.1234".len(), "{threshold}");
+            thresholds[0].1 = threshold;
+        }
+        assert_eq!(thresholds[0].1, 1.0);
         // Nothing is left to raise.
         let refused = [("walk".to_owned(), 1.0)];
         assert_eq!(raised(&[crash("walk", 0.5)], &refused), None);
