@@ -11,6 +11,7 @@ use vocaloco_sim::{
 
 use super::{
     Shared,
+    noise::NoiseArgs,
     rolled::{Plant, Rolled},
 };
 use crate::{exit::Exit, output, progress};
@@ -47,12 +48,8 @@ pub(crate) struct Args {
     /// Plant to roll out on
     #[arg(long, value_enum, default_value_t = Plant::Reference)]
     plant: Plant,
-    /// Uniform noise on every value of the predictors' field, ± metres
-    #[arg(long, default_value_t = 0.1, value_name = "M")]
-    field_noise_m: f32,
-    /// Uniform noise on every height that the plugin sees, ± metres
-    #[arg(long, default_value_t = 0.02, value_name = "M")]
-    patch_noise_m: f32,
+    #[command(flatten)]
+    noise: NoiseArgs,
     /// Terrains and their weights, such as `flat=0.1,stairs_up=0.45`; what the method trains on unless given
     #[arg(long, value_name = "LIST")]
     mixture: Option<Mixture>,
@@ -88,16 +85,13 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
     let kind = Kind::from(args.kind);
     ensure!(args.samples > 0, "--samples: found 0, wanted 1 or more");
     ensure!(args.rows_per_shard > 0, "--rows-per-shard: found 0, wanted 1 or more");
-    for (flag, noise_m) in [("--field-noise-m", args.field_noise_m), ("--patch-noise-m", args.patch_noise_m)]
-    {
-        ensure!((0.0..=1.0).contains(&noise_m), "{flag}: found {noise_m}, wanted 0 to 1");
-    }
+    args.noise.check()?;
     let rolled = Rolled::load(&args.robot, &args.skill)?;
     let config = CollectConfig {
         repeats: if kind == Kind::Viability { args.repeats } else { 1 },
         plant: args.plant.into(),
-        field_noise_m: args.field_noise_m,
-        patch_noise_m: args.patch_noise_m,
+        field_noise_m: args.noise.field_noise_m,
+        patch_noise_m: args.noise.patch_noise_m,
         mixture: args.mixture.clone().unwrap_or_default(),
         ..CollectConfig::new(kind, args.shared.seed).for_skill(&rolled.loaded.manifest.rollout)
     };
@@ -175,14 +169,13 @@ fn command(args: &Args, kind: Kind) -> String {
     let plant = if args.plant == Plant::Fast { " --plant fast" } else { "" };
     let mixture = args.mixture.as_ref().map(|mixture| format!(" --mixture {mixture}")).unwrap_or_default();
     format!(
-        "vocaloco collect --skill {} --kind {} --samples {} --seed {}{repeats}{shard}{plant}{mixture} --field-noise-m {} \
-         --patch-noise-m {} --robot {} --out {}",
+        "vocaloco collect --skill {} --kind {} --samples {} --seed {}{repeats}{shard}{plant}{mixture} {} \
+         --robot {} --out {}",
         args.skill,
         kind.id(),
         args.samples,
         args.shared.seed,
-        args.field_noise_m,
-        args.patch_noise_m,
+        args.noise,
         args.robot,
         args.out.display()
     )

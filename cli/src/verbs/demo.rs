@@ -14,7 +14,7 @@ use vocaloco_sim::course::{CourseRun, Outcome, Switch};
 use vocaloco_sim::terrain::CourseKind;
 
 use self::course::{Driven, Stage};
-use super::Shared;
+use super::{Shared, noise::NoiseArgs};
 use crate::{
     exit::Exit,
     output,
@@ -36,12 +36,8 @@ pub(crate) struct Args {
     /// Folder for report.html, the decision logs and the configuration
     #[arg(long, default_value = "out/demo", value_name = "DIR")]
     out: PathBuf,
-    /// Half-width of the noise on every height that the predictors see, m
-    #[arg(long, default_value_t = 0.1, value_name = "M")]
-    field_noise_m: f32,
-    /// Half-width of the noise on every height that the skills see, m
-    #[arg(long, default_value_t = 0.02, value_name = "M")]
-    patch_noise_m: f32,
+    #[command(flatten)]
+    noise: NoiseArgs,
 }
 
 impl Args {
@@ -50,11 +46,8 @@ impl Args {
         if self.deployment != "anymal_stairs" {
             words.push(format!("--deployment {}", self.deployment));
         }
-        if self.field_noise_m.to_bits() != 0.1_f32.to_bits() {
-            words.push(format!("--field-noise-m {}", self.field_noise_m));
-        }
-        if self.patch_noise_m.to_bits() != 0.02_f32.to_bits() {
-            words.push(format!("--patch-noise-m {}", self.patch_noise_m));
+        if self.noise != NoiseArgs::PROTOCOL {
+            words.push(self.noise.to_string());
         }
         words.join(" ")
     }
@@ -68,8 +61,8 @@ struct Summary {
     version: &'static str,
     backend: String,
     deployment: String,
-    field_noise_m: f32,
-    patch_noise_m: f32,
+    #[serde(flatten)]
+    noise: NoiseArgs,
     courses: Vec<CourseRow>,
     refused: Vec<String>,
     wall_s: f64,
@@ -110,6 +103,7 @@ impl CourseRow {
 #[allow(clippy::disallowed_methods, reason = "wall time is reported, and nothing depends on it")]
 pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
     let started = Instant::now();
+    args.noise.check()?;
     let installation = Installation::find().context("no installation")?;
     let loaded = load_deployment(&installation, &args.deployment)
         .with_context(|| format!("deployment `{}`", args.deployment))?;
@@ -149,7 +143,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         ),
         field_caption: format!(
             "Heights around the base as the networks see them, each with ±{} m of noise; blue is low.",
-            args.field_noise_m
+            args.noise.field_noise_m
         ),
         palette: stage.thresholds.iter().map(|(name, _)| name.clone()).collect(),
         courses: driven.iter().map(|d| stage.packed(d)).collect(),
@@ -164,8 +158,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         version: report.version,
         backend,
         deployment: args.deployment.clone(),
-        field_noise_m: args.field_noise_m,
-        patch_noise_m: args.patch_noise_m,
+        noise: args.noise,
         courses: driven.iter().map(CourseRow::new).collect(),
         refused,
         wall_s: started.elapsed().as_secs_f64(),

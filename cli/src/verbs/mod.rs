@@ -17,6 +17,8 @@ mod learning;
 mod lock;
 #[cfg(feature = "sim")]
 mod look;
+#[cfg(feature = "sim")]
+mod noise;
 mod plugin_host;
 #[cfg(feature = "sim")]
 mod rolled;

@@ -15,7 +15,6 @@ use vocaloco_core::{
 };
 use vocaloco_sim::{
     course::{CourseConfig, CourseRun, CourseStage, FORWARD_M_PER_S, Outcome, SelectorPilot, drive},
-    driver::SensorNoise,
     plant::PlantKind,
     spawn::SpawnRules,
     terrain::{CourseKind, Terrain},
@@ -25,6 +24,7 @@ use super::{Args, story};
 use crate::{
     progress,
     report::{PackedCourse, Story},
+    verbs::noise::NoiseArgs,
 };
 
 /// Step heights searched for the lowest that walk does not take, cm.
@@ -39,8 +39,7 @@ pub(super) struct Stage {
     pub(super) thresholds: Vec<(String, f32)>,
     switch_window: usize,
     seed: u64,
-    field_noise_m: f32,
-    patch_noise_m: f32,
+    noise: NoiseArgs,
     out: PathBuf,
 }
 
@@ -72,18 +71,13 @@ impl Stage {
             thresholds: loaded.skills.iter().map(threshold).collect(),
             switch_window: loaded.deployment.switch_window,
             seed: args.shared.seed,
-            field_noise_m: args.field_noise_m,
-            patch_noise_m: args.patch_noise_m,
+            noise: args.noise,
             out: args.out.clone(),
         }
     }
 
     fn course(&self, kind: CourseKind, size_m: f32) -> CourseConfig {
-        CourseConfig {
-            noise: SensorNoise { patch_m: self.patch_noise_m, ..SensorNoise::default() },
-            field_noise_m: self.field_noise_m,
-            ..CourseConfig::demo(kind, size_m, self.seed)
-        }
+        self.noise.on(CourseConfig::demo(kind, size_m, self.seed))
     }
 
     /// Drives one course and writes its decisions beside the page.

@@ -5,6 +5,7 @@ use vocaloco_sim::terrain::CourseKind;
 
 use super::success::Sight;
 use super::who::Who;
+use crate::verbs::noise::NoiseArgs;
 
 #[derive(clap::Args)]
 pub(super) struct ArenaArgs {
@@ -20,12 +21,8 @@ pub(super) struct ArenaArgs {
     /// What the predictors see: everything, or what depth cameras have seen, the rest filled
     #[arg(long, value_enum, default_value_t = Sight::None)]
     pub(super) occlusion: Sight,
-    /// Half-width of the noise on every height that the predictors see, m
-    #[arg(long, default_value_t = 0.1, value_name = "M")]
-    pub(super) field_noise_m: f32,
-    /// Half-width of the noise on every height that the skills see, m
-    #[arg(long, default_value_t = 0.02, value_name = "M")]
-    pub(super) patch_noise_m: f32,
+    #[command(flatten)]
+    pub(super) noise: NoiseArgs,
 }
 
 /// The sizes that a course is driven with: those given or, where none are, its own, which on the courses of
@@ -60,10 +57,7 @@ impl ArenaArgs {
         for size_m in sizes_m {
             ensure!((0.0..=1.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 1");
         }
-        for (flag, noise_m) in [("field", self.field_noise_m), ("patch", self.patch_noise_m)] {
-            ensure!((0.0..=1.0).contains(&noise_m), "--{flag}-noise-m: found {noise_m}, wanted 0 to 1");
-        }
-        Ok(())
+        self.noise.check()
     }
 }
 

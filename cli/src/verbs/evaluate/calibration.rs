@@ -10,11 +10,12 @@ use vocaloco_sim::evaluate::Query;
 use vocaloco_sim::terrain::TerrainKind;
 
 use super::cells::{Actor, cell, missing, query_of};
-use super::store::Store;
+use super::store::{Store, StoreArgs};
 use super::viability::parse_terrain;
 use super::{calibration_figures, calibration_page};
 use crate::exit::Exit;
 use crate::verbs::Shared;
+use crate::verbs::noise::NoiseArgs;
 use crate::verbs::rolled::{Plant, Rolled};
 use crate::{output, progress};
 
@@ -35,22 +36,10 @@ pub(crate) struct Args {
     /// Plant to roll out on
     #[arg(long, value_enum, default_value_t = Plant::Reference)]
     plant: Plant,
-    /// Uniform noise on every height that the predictors see, ± metres
-    #[arg(long, default_value_t = 0.1, value_name = "M")]
-    field_noise_m: f32,
-    /// Uniform noise on every height that the plugin sees, ± metres
-    #[arg(long, default_value_t = 0.02, value_name = "M")]
-    patch_noise_m: f32,
-    /// Folder of what was measured, where `evaluate all` looks too: a killed run goes on, and what stands is not
-    /// measured twice
-    #[arg(long, default_value = "out/measured", value_name = "DIR")]
-    store: PathBuf,
-    /// Measure even what stands
-    #[arg(long)]
-    fresh: bool,
-    /// Threads; 0 for as many as there are processors
-    #[arg(long, default_value_t = 0, value_name = "N")]
-    threads: usize,
+    #[command(flatten)]
+    noise: NoiseArgs,
+    #[command(flatten)]
+    store: StoreArgs,
     /// Robot to roll out
     #[arg(long, default_value = "anymal_d")]
     robot: String,
@@ -69,13 +58,11 @@ const SIZES_M: &str = "0.025,0.05,0.075,0.1,0.125,0.15,0.175,0.2,0.225,0.25,0.27
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     ensure!(args.samples > 0, "--samples: found 0, wanted 1 or more");
-    for (flag, noise_m) in [("field-noise-m", args.field_noise_m), ("patch-noise-m", args.patch_noise_m)] {
-        ensure!((0.0..=1.0).contains(&noise_m), "--{flag}: found {noise_m}, wanted 0 to 1");
-    }
+    args.noise.check()?;
     for size_m in &args.size_m {
         ensure!((0.0..=2.0).contains(size_m), "--size-m: found {size_m}, wanted 0 to 2");
     }
-    let store = Store::open(&args.store, args.fresh)?;
+    let store = args.store.open()?;
     // All are loaded before the first is rolled out: what is missing is said at once.
     let subjects = args.skill.iter().map(|skill| Subject::load(&args.robot, skill));
     let subjects = subjects.collect::<anyhow::Result<Vec<_>>>()?;
@@ -111,7 +98,7 @@ impl Subject {
     fn measure(
         &self,
         args: &Args,
-        store: &Store,
+        (store, threads): &(Store, usize),
         progress: &(dyn Fn() + Sync),
     ) -> anyhow::Result<Calibration> {
         let Rolled { installation, robot, loaded, .. } = &self.rolled;
@@ -119,12 +106,12 @@ impl Subject {
         for terrain in &args.terrain {
             for size_m in &args.size_m {
                 let query = Query {
-                    patch_noise_m: args.patch_noise_m,
-                    field_noise_m: args.field_noise_m,
+                    patch_noise_m: args.noise.patch_noise_m,
+                    field_noise_m: args.noise.field_noise_m,
                     plant: args.plant.into(),
                     ..Query::new(*terrain, *size_m, args.samples, args.shared.seed)
                 };
-                let (query, store) = (query_of(loaded, query), (store, args.threads));
+                let (query, store) = (query_of(loaded, query), (store, *threads));
                 cells.push(cell(store, installation, robot, &self.actor, &query, progress)?);
             }
         }
@@ -167,8 +154,8 @@ fn conditions(args: &Args) -> String {
         args.samples,
         args.shared.seed,
         plant(args.plant),
-        args.field_noise_m,
-        args.patch_noise_m,
+        args.noise.field_noise_m,
+        args.noise.patch_noise_m,
         backend().name,
     )
 }
@@ -178,14 +165,13 @@ fn command(args: &Args) -> String {
     let list = |items: &mut dyn Iterator<Item = String>| items.collect::<Vec<_>>().join(",");
     format!(
         "vocaloco evaluate calibration --skill {} --terrain {} --size-m {} --samples {} --plant {} \
-         --field-noise-m {} --patch-noise-m {} --robot {} --seed {}",
+         {} --robot {} --seed {}",
         args.skill.join(","),
         list(&mut args.terrain.iter().map(ToString::to_string)),
         list(&mut args.size_m.iter().map(ToString::to_string)),
         args.samples,
         plant(args.plant),
-        args.field_noise_m,
-        args.patch_noise_m,
+        args.noise,
         args.robot,
         args.shared.seed
     )

@@ -9,7 +9,6 @@ use vocaloco_core::decision_log::{LogWriter, Setup};
 use vocaloco_core::predictor::backend;
 use vocaloco_sim::{
     course::{CourseConfig, CourseRun, Outcome, Switch},
-    driver::SensorNoise,
     terrain::{CourseKind, OBSTACLES_RISE_M, Terrain},
 };
 
@@ -91,10 +90,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
                 };
                 let config = CourseConfig {
                     steps: args.steps,
-                    noise: SensorNoise { patch_m: args.arena.patch_noise_m, ..SensorNoise::default() },
-                    field_noise_m: args.arena.field_noise_m,
                     occlusion: args.arena.occlusion.into(),
-                    ..start
+                    ..args.arena.noise.on(start)
                 };
                 let spinner = progress::spinner(&format!("{who} on {} of {size_m} m", course.id()));
                 let driven = drive(&arena, &config, who, args.arena.oracle_samples, &args.out)?;
@@ -119,7 +116,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         ),
         field_caption: format!(
             "Heights around the base as the networks see them, each with ±{} m of noise; blue is low.",
-            args.arena.field_noise_m
+            args.arena.noise.field_noise_m
         ),
         palette: palette(&arena, &args.arena.selector),
         courses,
@@ -239,16 +236,14 @@ fn print(summary: &Summary, page: &Path) -> anyhow::Result<()> {
 fn command(args: &Args) -> String {
     let selectors: Vec<String> = args.arena.selector.iter().map(ToString::to_string).collect();
     format!(
-        "vocaloco evaluate course {} --steps {} --selector {} --deployment {}{}{} \
-         --field-noise-m {} --patch-noise-m {} --seed {}",
+        "vocaloco evaluate course {} --steps {} --selector {} --deployment {}{}{} {} --seed {}",
         courses_flag(&args.course, &args.size_m, &STAIRS_M),
         args.steps,
         selectors.join(","),
         args.arena.deployment,
         args.rollout.map_or_else(String::new, |rollout| format!(" --rollout {rollout}")),
         args.arena.occlusion.flag(),
-        args.arena.field_noise_m,
-        args.arena.patch_noise_m,
+        args.arena.noise,
         args.shared.seed
     )
 }

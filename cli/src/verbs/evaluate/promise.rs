@@ -1,22 +1,21 @@
 //! `evaluate promise`: viability thresholds of a deployment under which it crashes on at most a share of courses.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use anyhow::{Context, ensure};
 use serde::{Deserialize, Serialize};
 use vocaloco_sim::{
     course::{Blame, CourseConfig, Outcome},
-    driver::SensorNoise,
     promise::{bound, most_allowed, most_usual},
     terrain::CourseKind,
 };
 
 use super::arena::Arena;
 use super::arena_args::{courses_flag, sizes_m};
-use super::store::Store;
+use super::store::StoreArgs;
 use super::success::STAIRS_M;
-use crate::{exit::Exit, output, progress, verbs::Shared};
+use crate::verbs::{Shared, noise::NoiseArgs};
+use crate::{exit::Exit, output, progress};
 
 /// Raises a deployment's viability thresholds until it keeps a promise on whole courses.
 ///
@@ -50,21 +49,10 @@ pub(crate) struct Args {
     /// Steps of a flight
     #[arg(long, default_value_t = 6, value_name = "N")]
     steps: usize,
-    /// Half-width of the noise on every height that the predictors see, m
-    #[arg(long, default_value_t = 0.1, value_name = "M")]
-    field_noise_m: f32,
-    /// Half-width of the noise on every height that the skills see, m
-    #[arg(long, default_value_t = 0.02, value_name = "M")]
-    patch_noise_m: f32,
-    /// Folder of what was measured
-    #[arg(long, default_value = "out/measured", value_name = "DIR")]
-    store: PathBuf,
-    /// Measure even what stands
-    #[arg(long)]
-    fresh: bool,
-    /// Threads; 0 for as many as there are processors
-    #[arg(long, default_value_t = 0, value_name = "N")]
-    threads: usize,
+    #[command(flatten)]
+    noise: NoiseArgs,
+    #[command(flatten)]
+    store: StoreArgs,
     #[command(flatten)]
     shared: Shared,
 }
@@ -139,8 +127,7 @@ struct Report<'a> {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     args.check()?;
-    let mut arena =
-        Arena::load(&args.deployment, &[], (Store::open(&args.store, args.fresh)?, args.threads))?;
+    let mut arena = Arena::load(&args.deployment, &[], args.store.open()?)?;
     let round_size = args.round_size();
     let allowed = most_allowed(round_size, args.alpha, args.error()).with_context(|| {
         let most = args.rounds;
@@ -219,10 +206,7 @@ impl Args {
                 "--course, --size-m: found {course} of {size_m} m twice, wanted each once"
             );
         }
-        for (flag, noise_m) in [("field", self.field_noise_m), ("patch", self.patch_noise_m)] {
-            ensure!((0.0..=1.0).contains(&noise_m), "--{flag}-noise-m: found {noise_m}, wanted 0 to 1");
-        }
-        Ok(())
+        self.noise.check()
     }
 
     /// The chance of error of a round: all together err no more often than [`ERROR`].
@@ -244,12 +228,9 @@ impl Args {
     /// A round's rollouts, every height once before any is driven twice.
     fn configs(&self, round: u32) -> Vec<CourseConfig> {
         let first = u64::from(round) * FIRST_OF_ROUND;
-        let one = |rollout: u64, (course, size_m): (CourseKind, f32)| CourseConfig {
-            steps: self.steps,
-            noise: SensorNoise { patch_m: self.patch_noise_m, ..SensorNoise::default() },
-            field_noise_m: self.field_noise_m,
-            recorded: true,
-            ..CourseConfig::evaluation(course, size_m, self.shared.seed, first + rollout)
+        let one = |rollout: u64, (course, size_m): (CourseKind, f32)| {
+            let course = CourseConfig::evaluation(course, size_m, self.shared.seed, first + rollout);
+            CourseConfig { steps: self.steps, recorded: true, ..self.noise.on(course) }
         };
         let cells = self.cells();
         (0..self.rollouts).flat_map(|rollout| cells.iter().map(move |cell| one(rollout, *cell))).collect()
@@ -259,15 +240,14 @@ impl Args {
     fn command(&self) -> String {
         format!(
             "vocaloco evaluate promise --deployment {} --alpha {} {} --rollouts {} --rounds {} --steps {} \
-             --field-noise-m {} --patch-noise-m {} --seed {}",
+             {} --seed {}",
             self.deployment,
             self.alpha,
             courses_flag(&self.course, &self.size_m, &STAIRS_M),
             self.rollouts,
             self.rounds,
             self.steps,
-            self.field_noise_m,
-            self.patch_noise_m,
+            self.noise,
             self.shared.seed
         )
     }

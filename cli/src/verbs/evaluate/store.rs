@@ -9,6 +9,27 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use vocaloco_sim::identity::sha256_hex;
 
+/// Where results are kept and how they are measured, as the flags of every verb that keeps them.
+#[derive(clap::Args, Clone, Debug)]
+pub(super) struct StoreArgs {
+    /// Folder of what was measured: a killed run goes on, and what stands is not measured twice
+    #[arg(long, default_value = "out/measured", value_name = "DIR")]
+    store: PathBuf,
+    /// Measure even what stands
+    #[arg(long)]
+    fresh: bool,
+    /// Threads; 0 for as many as there are processors
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    threads: usize,
+}
+
+impl StoreArgs {
+    /// The store, and the threads to measure with.
+    pub(super) fn open(&self) -> anyhow::Result<(Store, usize)> {
+        Ok((Store::open(&self.store, self.fresh)?, self.threads))
+    }
+}
+
 /// A folder of results.
 #[derive(Clone, Debug)]
 pub(super) struct Store {

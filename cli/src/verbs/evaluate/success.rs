@@ -1,20 +1,18 @@
 //! `evaluate success`: how often a course is reached, by step height and by who chooses.
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
 
 use anyhow::ensure;
 use serde::Serialize;
 use vocaloco_sim::{
     course::{CourseConfig, SuccessRow},
-    driver::SensorNoise,
     occlusion::Occlusion,
     terrain::CourseKind,
 };
 
 use super::arena::{Arena, Variation};
 use super::arena_args::{ArenaArgs, courses_flag, sizes_m};
-use super::store::Store;
+use super::store::StoreArgs;
 use super::who::Who;
 use crate::{exit::Exit, output, progress, verbs::Shared};
 
@@ -39,15 +37,8 @@ pub(crate) struct Args {
     steps: usize,
     #[command(flatten)]
     arena: ArenaArgs,
-    /// Folder of what was measured
-    #[arg(long, default_value = "out/measured", value_name = "DIR")]
-    store: PathBuf,
-    /// Measure even what stands
-    #[arg(long)]
-    fresh: bool,
-    /// Threads; 0 for as many as there are processors
-    #[arg(long, default_value_t = 0, value_name = "N")]
-    threads: usize,
+    #[command(flatten)]
+    store: StoreArgs,
     #[command(flatten)]
     shared: Shared,
 }
@@ -92,8 +83,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     ensure!(args.rollouts > 0, "--rollouts: found 0, wanted 1 or more");
     args.arena.check(args.steps, &args.size_m)?;
     let alone: Vec<&str> = args.arena.selector.iter().filter_map(Who::alone).collect();
-    let store = Store::open(&args.store, args.fresh)?;
-    let arena = Arena::load(&args.arena.deployment, &alone, (store, args.threads))?;
+    let arena = Arena::load(&args.arena.deployment, &alone, args.store.open()?)?;
     let sizes_m = |course: CourseKind| sizes_m(course, &args.size_m, &STAIRS_M);
     let sizes: usize = args.course.iter().map(|course| sizes_m(*course).len()).sum();
     let rows_wanted = sizes * args.arena.selector.len();
@@ -105,11 +95,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
                 bar.set_message(format!("{} of {:.3} m, {who}", course.id(), size_m));
                 let config = CourseConfig {
                     steps: args.steps,
-                    noise: SensorNoise { patch_m: args.arena.patch_noise_m, ..SensorNoise::default() },
-                    field_noise_m: args.arena.field_noise_m,
                     occlusion: args.arena.occlusion.into(),
                     ..CourseConfig::evaluation(*course, *size_m, args.shared.seed, 0)
                 };
+                let config = args.arena.noise.on(config);
                 let who = (who, Variation::default());
                 rows.push(
                     arena.row(&config, args.rollouts, who, args.arena.oracle_samples, &|n| bar.inc(n))?,
@@ -193,12 +182,6 @@ fn command(args: &Args) -> String {
     if args.arena.selector.contains(&Who::Oracle) {
         words.push(format!("--oracle-samples {}", args.arena.oracle_samples));
     }
-    words.push(format!(
-        "--field-noise-m {} --patch-noise-m {}{} --seed {}",
-        args.arena.field_noise_m,
-        args.arena.patch_noise_m,
-        args.arena.occlusion.flag(),
-        args.shared.seed
-    ));
+    words.push(format!("{}{} --seed {}", args.arena.noise, args.arena.occlusion.flag(), args.shared.seed));
     words.join(" ")
 }

@@ -9,13 +9,13 @@ use vocaloco_sim::course::{
     CourseConfig, CourseError, CourseRun, CourseStage, Outcome, Pilot, PilotTick, SelectorPilot, Switch,
     drive,
 };
-use vocaloco_sim::driver::SensorNoise;
 use vocaloco_sim::plant::Plant;
 use vocaloco_sim::terrain::CourseKind;
 
 use super::pace::{self, Metronome};
 use super::{Args, start};
 use crate::exit::Exit;
+use crate::verbs::noise::NoiseArgs;
 use crate::{output, progress};
 
 #[derive(clap::Args)]
@@ -30,12 +30,8 @@ pub(super) struct CourseArgs {
     /// Number of steps of the course
     #[arg(long, default_value_t = 3, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=50))]
     steps: u16,
-    /// Half-width of the noise on every height that the predictors see, m
-    #[arg(long, default_value_t = 0.1, value_name = "M")]
-    field_noise_m: f32,
-    /// Half-width of the noise on every height that the skills see, m
-    #[arg(long, default_value_t = 0.02, value_name = "M")]
-    patch_noise_m: f32,
+    #[command(flatten)]
+    noise: NoiseArgs,
 }
 
 impl CourseArgs {
@@ -53,8 +49,8 @@ struct Report<'a> {
     course: &'static str,
     size_m: f32,
     steps: usize,
-    field_noise_m: f32,
-    patch_noise_m: f32,
+    #[serde(flatten)]
+    noise: NoiseArgs,
     outcome: Outcome,
     duration_s: f64,
     distance_m: f64,
@@ -68,18 +64,11 @@ struct Report<'a> {
 pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let course = &args.course;
     let size_m = course.size_m();
-    for (flag, found, least, most) in [
-        ("--size-m", size_m, 0.0, 2.0),
-        ("--field-noise-m", course.field_noise_m, 0.0, 1.0),
-        ("--patch-noise-m", course.patch_noise_m, 0.0, 1.0),
-    ] {
-        anyhow::ensure!((least..=most).contains(&found), "{flag}: found {found}, wanted {least} to {most} m");
-    }
+    anyhow::ensure!((0.0..=2.0).contains(&size_m), "--size-m: found {size_m}, wanted 0 to 2");
+    course.noise.check()?;
     let config = CourseConfig {
         steps: usize::from(course.steps),
-        noise: SensorNoise { patch_m: course.patch_noise_m, ..SensorNoise::default() },
-        field_noise_m: course.field_noise_m,
-        ..CourseConfig::demo(course.course, size_m, args.shared.seed)
+        ..course.noise.on(CourseConfig::demo(course.course, size_m, args.shared.seed))
     };
     let (mut runtime, refused) = start(args, args.real_time)?;
     let metronome = args.real_time.then(|| Metronome::new(runtime.config().rate_hz));
@@ -104,8 +93,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         course: run.kind.id(),
         size_m: run.size_m,
         steps: run.steps,
-        field_noise_m: course.field_noise_m,
-        patch_noise_m: course.patch_noise_m,
+        noise: course.noise,
         outcome: run.outcome,
         duration_s: run.duration_s,
         distance_m: run.distance_m,
@@ -147,14 +135,12 @@ impl Pilot for PacedPilot<'_> {
 fn command(args: &Args) -> String {
     let course = &args.course;
     format!(
-        "vocaloco run --deployment {} --source sim --course {} --size-m {} --steps {} --field-noise-m {} \
-         --patch-noise-m {} --seed {}{}",
+        "vocaloco run --deployment {} --source sim --course {} --size-m {} --steps {} {} --seed {}{}",
         args.deployment,
         course.course.id(),
         course.size_m(),
         course.steps,
-        course.field_noise_m,
-        course.patch_noise_m,
+        course.noise,
         args.shared.seed,
         args.real_time_flag()
     )

@@ -84,15 +84,10 @@ impl Evidence<'_> {
             self.demo_switches(),
             self.energy(),
             self.windows(),
+            self.horizons(),
             self.thresholds(),
             self.filling(),
             self.new_skills(),
-            Self::unmeasured(
-                "horizon",
-                "Horizons shorter than 1.5 m switch too often, longer ones are too noisy.",
-                "Every horizon needs data and predictors of its own; those that are shipped are for 1.5 m.",
-                self.plan.seed,
-            ),
             Self::unmeasured(
                 "robot",
                 "On the real ANYmal-D the staircases are walked with nothing retuned.",

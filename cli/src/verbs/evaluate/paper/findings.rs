@@ -22,6 +22,7 @@ use super::super::course::drive;
 use super::super::store::as_written;
 use super::super::who::Who;
 use super::plan::Plan;
+use crate::verbs::noise::NoiseArgs;
 
 /// The two staircases.
 pub(super) const STAIRS: [CourseKind; 2] = [CourseKind::StairsUp, CourseKind::StairsDown];
@@ -152,8 +153,8 @@ impl Measuring<'_> {
         Sampling {
             samples: self.plan.samples,
             seed: self.plan.seed,
-            field_noise_m: 0.1,
-            patch_noise_m: 0.02,
+            field_noise_m: NoiseArgs::PROTOCOL.field_noise_m,
+            patch_noise_m: NoiseArgs::PROTOCOL.patch_noise_m,
             horizon_m: None,
         }
     }

@@ -16,6 +16,8 @@ const SAFE: f64 = 0.99;
 /// What is asked for where it is safe: reached at least, stopped at most.
 const REACHED: f64 = 0.95;
 const STOPPED: f64 = 0.04;
+/// METHOD, section 3, m.
+const PAPER_HORIZON_M: f32 = 1.5;
 /// Crashes allowed at every height.
 const CRASHED: f64 = 0.01;
 
@@ -321,6 +323,41 @@ impl Evidence<'_> {
             seed: self.plan.seed,
             command: self.all_command(),
             figure: Some("window"),
+        }
+    }
+
+    pub(super) fn horizons(&self) -> Claim {
+        let mean = |horizon_m: f32, value: fn(&SuccessRow) -> f64| {
+            let rows = || self.findings.horizons.iter().filter(|(of, _)| *of == horizon_m);
+            rows().map(|(_, row)| value(row)).sum::<f64>() / rows().count().max(1) as f64
+        };
+        let point = |horizon_m: &f32| {
+            (*horizon_m, mean(*horizon_m, |row| row.switches_mean), mean(*horizon_m, |row| row.reached))
+        };
+        let points: Vec<(f32, f64, f64)> = self.plan.horizons_m.iter().map(point).collect();
+        let words: Vec<String> = points
+            .iter()
+            .map(|(horizon_m, switches, reached)| {
+                format!("{horizon_m} m: {switches:.1} switches, reached {}", percent(*reached))
+            })
+            .collect();
+        let paper = points.iter().find(|(horizon_m, ..)| *horizon_m == PAPER_HORIZON_M);
+        let agrees = paper.is_some_and(|(of_paper, switches, reached)| {
+            points.iter().all(|(horizon_m, others, reach)| {
+                if horizon_m < of_paper { others > switches } else { reach <= reached }
+            })
+        });
+        Claim {
+            id: "horizon",
+            words: "Horizons shorter than 1.5 m switch too often, longer ones are too noisy.".to_owned(),
+            by: "paper",
+            ours: words.join("; "),
+            verdict: Verdict::of(agrees && points.len() > 1),
+            why: "Agrees when every shorter horizon switches more often than 1.5 m and no longer one reaches more. It is the oracle that chooses, by what was collected over each horizon: the noise of predictors trained for another horizon, of which the paper speaks too, is not in it.".to_owned(),
+            n: format!("{} a horizon, height and course", self.plan.ablation_rollouts),
+            seed: self.plan.seed,
+            command: self.all_command(),
+            figure: Some("horizon"),
         }
     }
 
