@@ -5,15 +5,19 @@ const sections = [], holders = DATA.courses.map(raw => {
   document.getElementById('courses').append(holder);
   return [holder, raw];
 });
+function build(holder, raw) {
+  if (!holder.style.minHeight) return;
+  near.unobserve(holder);
+  holder.style.minHeight = '';
+  sections.push(new Section(new Course(raw), holder));
+}
 const near = new IntersectionObserver(entries => {
-  for (const entry of entries.filter(e => e.isIntersecting)) {
-    near.unobserve(entry.target);
-    const raw = holders.find(([holder]) => holder === entry.target)[1];
-    entry.target.style.minHeight = '';
-    sections.push(new Section(new Course(raw), entry.target));
-  }
+  for (const entry of entries.filter(e => e.isIntersecting))
+    build(...holders.find(([holder]) => holder === entry.target));
 }, { rootMargin: '800px' });
 for (const [holder] of holders) near.observe(holder);
+// Paper has no "comes near".
+addEventListener('beforeprint', () => holders.forEach(([holder, raw]) => build(holder, raw)));
 function relayout() { readTheme(); sections.forEach(section => section.layout()); }
 let pending = 0, knownWidth = innerWidth;
 addEventListener('resize', () => {

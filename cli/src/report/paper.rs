@@ -73,7 +73,7 @@ impl Paper {
         let mut page = include_str!("paper.html").to_owned();
         for (slot, content) in [
             ("/*{{STYLE}}*/", style.as_str()),
-            ("{{LEAD}}", &escaped(&self.lead)),
+            ("{{LEAD}}", &prose(&self.lead)),
             ("{{CAVEAT}}", &self.caveat()),
             ("{{SUMMARY}}", &self.summary()),
             ("{{CLAIMS}}", &self.claims()),
@@ -91,7 +91,7 @@ impl Paper {
         if self.caveat.is_empty() {
             return String::new();
         }
-        format!("<p class=\"caveat\">{}</p>", escaped(&self.caveat))
+        format!("<p class=\"caveat\">{}</p>", prose(&self.caveat))
     }
 
     fn summary(&self) -> String {
@@ -133,11 +133,11 @@ impl Paper {
                  <p class=\"source\">{} · n: {} · seed {}{figure}</p>{command}</article>",
                 line.verdict,
                 index + 1,
-                escaped(&line.claim),
-                escaped(&line.ours),
-                escaped(&line.why),
+                prose(&line.claim),
+                prose(&line.ours),
+                prose(&line.why),
                 escaped(&line.by),
-                escaped(&line.n),
+                prose(&line.n),
                 line.seed,
             )
         };
@@ -146,7 +146,7 @@ impl Paper {
 
     fn conditions(&self) -> String {
         let lines: Vec<String> =
-            self.conditions.iter().map(|line| format!("<li>{}</li>", escaped(line))).collect();
+            self.conditions.iter().map(|line| format!("<li>{}</li>", prose(line))).collect();
         let lines = lines.concat();
         format!(
             "<ul>{lines}</ul><p>Repeat it: <code>{}</code></p><p class=\"small\">vocaloco {}, seed {}, networks run by {}.</p>",
@@ -158,6 +158,11 @@ impl Paper {
     }
 }
 
+/// Text for a paragraph: no line ends before a percent sign or inside a flag.
+fn prose(text: &str) -> String {
+    escaped(text).replace(" %", "\u{a0}%").replace("--", "--\u{2060}")
+}
+
 /// Figures under a heading, each drawn for a desk and for a phone.
 fn chapter(heading: &str, figures: &[Figure]) -> String {
     let figure = |figure: &Figure| {
@@ -167,7 +172,7 @@ fn chapter(heading: &str, figures: &[Figure]) -> String {
              <div class=\"narrow\">{narrow}</div><figcaption>{}</figcaption></figure>\n",
             escaped(&figure.id),
             escaped(&figure.title),
-            escaped(&figure.caption)
+            prose(&figure.caption)
         )
     };
     format!(

@@ -41,7 +41,7 @@ pub(super) struct Variation {
     /// Ticks that must agree before a switch, and before a stop.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) window: Option<usize>,
-    /// One threshold for every skill.
+    /// One threshold for every skill, held to it as well.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) threshold: Option<f32>,
     /// What the oracle knows was collected over this horizon, m, with a time limit in proportion.
@@ -147,6 +147,15 @@ impl Arena {
         self.members.iter().map(|member| (member.id.name.clone(), member.threshold)).collect()
     }
 
+    /// The thresholds in words, with what skills that drive are held to.
+    pub(super) fn thresholds_in_words(&self) -> String {
+        let words = |member: &Member| {
+            let held = member.hold_threshold.map(|hold| format!(" ({hold} while it drives)"));
+            format!("{} {}{}", member.id.name, member.threshold, held.unwrap_or_default())
+        };
+        self.members.iter().map(words).collect::<Vec<_>>().join(", ")
+    }
+
     /// Sets a skill's threshold for all that is driven from now on.
     pub(super) fn set_threshold(&mut self, skill: &str, threshold: f32) {
         self.raised.insert(skill.to_owned(), threshold);
@@ -182,6 +191,9 @@ impl Arena {
             let raised = self.raised.get(&skill.rule.name).copied();
             if let Some(threshold) = variation.threshold.or(raised) {
                 skill.rule.set_threshold(threshold);
+            }
+            if let Some(threshold) = variation.threshold {
+                skill.rule.hold_threshold = threshold;
             }
             skill.rule.committed &= !variation.without_commitment;
         }
@@ -369,7 +381,9 @@ impl Arena {
                 serde_json::json!({ "members": self.members, "rules": self.rules, "variation": variation })
             }
             Who::Oracle => {
-                let ids: Vec<_> = self.members.iter().map(|member| (&member.id, &member.selection)).collect();
+                let told =
+                    |member: &Member| (member.id.clone(), member.selection.clone(), member.hold_threshold);
+                let ids: Vec<_> = self.members.iter().map(told).collect();
                 serde_json::json!({ "members": ids, "rules": self.rules, "samples": samples, "variation": variation })
             }
         };

@@ -215,8 +215,6 @@ fn paper(
         figures.into_iter().partition(|figure| figure.title.starts_with("Ablation"));
     let (dangers, results): (Vec<Figure>, Vec<Figure>) =
         results.into_iter().partition(|figure| figure.id.starts_with("danger"));
-    let thresholds: Vec<String> =
-        arena.thresholds().iter().map(|(name, threshold)| format!("{name} {threshold}")).collect();
     Paper {
         version: summary.version,
         command: summary.command.to_owned(),
@@ -248,7 +246,7 @@ fn paper(
         palette,
         field_caption: "Heights around the base as the networks see them, each with ±0.1 m of noise; blue is low.".to_owned(),
         conditions: vec![
-            format!("Deployment {}: viability thresholds {}.", summary.deployment, thresholds.join(", ")),
+            format!("Deployment {}: viability thresholds {}.", summary.deployment, arena.thresholds_in_words()),
             format!(
                 "Skills by what they turned out to be good at: cheapest on the level {}, most viable up stairs {}, down stairs {}.",
                 summary.roles.level, summary.roles.up, summary.roles.down
