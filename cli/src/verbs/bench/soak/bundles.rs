@@ -56,6 +56,11 @@ impl Bundles {
             })?;
         }
         settings.insert("skills".into(), bundles.names.clone().into());
+        for thresholds in ["viability_thresholds", "hold_thresholds"] {
+            if let Some(of_skills) = settings.get_mut(thresholds).and_then(Value::as_table_mut) {
+                of_skills.retain(|skill, _| bundles.names.iter().any(|name| name == skill));
+            }
+        }
         settings.remove("trusted_keys");
         settings.remove("deadlines");
         write(&bundles.installation.deployment_file(DEPLOYMENT), settings.to_string().as_bytes())?;

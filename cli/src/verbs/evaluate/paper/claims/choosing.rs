@@ -21,6 +21,12 @@ const PAPER_HORIZON_M: f32 = 1.5;
 /// Crashes allowed at every height.
 const CRASHED: f64 = 0.01;
 
+/// The mean of a value over the rows of one setting.
+fn mean_of<K: PartialEq>(rows: &[(K, SuccessRow)], of: K, value: fn(&SuccessRow) -> f64) -> f64 {
+    let values = || rows.iter().filter(|(setting, _)| *setting == of).map(|(_, row)| value(row));
+    values().sum::<f64>() / values().count().max(1) as f64
+}
+
 impl Evidence<'_> {
     /// The most that any deployed skill alone reaches of a course.
     fn best_alone(&self, course: CourseKind, size_m: f32) -> f64 {
@@ -311,10 +317,7 @@ impl Evidence<'_> {
     }
 
     pub(super) fn windows(&self) -> Claim {
-        let mean = |window: usize, value: &dyn Fn(&SuccessRow) -> f64| {
-            let rows = || self.findings.windows.iter().filter(|(of, _)| *of == window);
-            rows().map(|(_, row)| value(row)).sum::<f64>() / rows().count().max(1) as f64
-        };
+        let mean = |window: usize, value| mean_of(&self.findings.windows, window, value);
         let words: Vec<String> = self
             .plan
             .windows
@@ -322,13 +325,13 @@ impl Evidence<'_> {
             .map(|window| {
                 format!(
                     "{window}: {:.1} switches, reached {}",
-                    mean(*window, &|row| row.switches_mean),
-                    percent(mean(*window, &|row| row.reached))
+                    mean(*window, |row| row.switches_mean),
+                    percent(mean(*window, |row| row.reached))
                 )
             })
             .collect();
         let switches: Vec<f64> =
-            self.plan.windows.iter().map(|window| mean(*window, &|row| row.switches_mean)).collect();
+            self.plan.windows.iter().map(|window| mean(*window, |row| row.switches_mean)).collect();
         let fewer = switches.windows(2).all(|pair| pair[1] <= pair[0] + 0.05);
         Claim {
             id: "window",
@@ -345,10 +348,7 @@ impl Evidence<'_> {
     }
 
     pub(super) fn horizons(&self) -> Claim {
-        let mean = |horizon_m: f32, value: fn(&SuccessRow) -> f64| {
-            let rows = || self.findings.horizons.iter().filter(|(of, _)| *of == horizon_m);
-            rows().map(|(_, row)| value(row)).sum::<f64>() / rows().count().max(1) as f64
-        };
+        let mean = |horizon_m: f32, value| mean_of(&self.findings.horizons, horizon_m, value);
         let point = |horizon_m: &f32| {
             (*horizon_m, mean(*horizon_m, |row| row.switches_mean), mean(*horizon_m, |row| row.reached))
         };
