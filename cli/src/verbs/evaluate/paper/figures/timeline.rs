@@ -52,7 +52,7 @@ pub(super) fn obstacles(evidence: &Evidence<'_>) -> Option<Figure> {
 }
 
 const LINES: &str = "Lines: predictions, means over 0.2 s. The strip at the bottom of the panels of viability is the skill that \
-                     drives. Below, the same runs can be watched tick by tick.";
+                     drives. Above, under “Watch it”, the same runs can be followed tick by tick.";
 
 fn legend(evidence: &Evidence<'_>, skills: &[&str]) -> Vec<Key> {
     let mut legend = skills_legend(evidence, skills);
