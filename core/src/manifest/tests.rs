@@ -135,8 +135,8 @@ fn a_deployment_out_of_range_is_refused_by_field() {
         ("[\"walk\", \"ascend_network\", \"descend_network\"]", "[]", "skills"),
         ("[heightfield]", "[viability_thresholds]\nwalk = 1.01\n[heightfield]", "viability_thresholds.walk"),
         ("[heightfield]", "[viability_thresholds]\ntrot = 0.9\n[heightfield]", "viability_thresholds.trot"),
-        ("[heightfield]", "[hold_thresholds]\nwalk = -0.1\n[heightfield]", "hold_thresholds.walk"),
-        ("[heightfield]", "[hold_thresholds]\ntrot = 0.9\n[heightfield]", "hold_thresholds.trot"),
+        ("[hold_thresholds]", "[hold_thresholds]\nwalk = -0.1", "hold_thresholds.walk"),
+        ("[hold_thresholds]", "[hold_thresholds]\ntrot = 0.9", "hold_thresholds.trot"),
         ("[heightfield]", "[deadlines]\nact_s = nan\n[heightfield]", "deadlines.act_s"),
         ("[heightfield]", "[deadlines]\npredict_s = 0.0041\n[heightfield]", "deadlines.predict_s"),
     ] {
