@@ -19,8 +19,8 @@ use vocaloco_plugin_api::JointTarget;
 
 use self::bundles::{Bundles, DEPLOYMENT};
 use self::memory::Memory;
-use self::record::Record;
-use self::report::Report;
+use self::record::{Record, SHOWN};
+use self::report::{Report, Unanswered};
 use self::tally::Tally;
 use self::trouble::{Draws, Moody, Senses};
 use crate::exit::Exit;
@@ -100,6 +100,7 @@ struct Soak<'a> {
     switches: u64,
     driven: u64,
     unanswered: u64,
+    first_unanswered: Vec<Unanswered>,
     unsound_targets: u64,
     driver: String,
     /// Skills that are out of service.
@@ -154,6 +155,7 @@ impl<'a> Soak<'a> {
             switches: 0,
             driven: 0,
             unanswered: 0,
+            first_unanswered: Vec::new(),
             unsound_targets: 0,
             driver: STAND.to_owned(),
             retired: Vec::new(),
@@ -184,7 +186,12 @@ impl<'a> Soak<'a> {
         let (observation, wanted) = self.senses.at(tick, TICK_S * tick as f64);
         let Tick { decision, joints } = self.runtime.tick(&observation);
         self.unsound_targets += u64::from(!joints.iter().all(is_sound));
-        self.unanswered += u64::from(!is_answered(decision, wanted));
+        if !is_answered(decision, wanted) {
+            self.unanswered += 1;
+            if self.first_unanswered.len() < SHOWN {
+                self.first_unanswered.push(Unanswered::of(decision, wanted));
+            }
+        }
         self.driven += u64::from(decision.active != STAND);
         if decision.active != self.driver {
             self.switches += 1;
@@ -243,6 +250,7 @@ impl<'a> Soak<'a> {
             missed: ticks.saturating_sub(self.record.read()),
             replay_differs: self.record.differing(),
             unanswered: self.unanswered,
+            first_unanswered: self.first_unanswered,
             unsound_targets: self.unsound_targets,
             rss_growth: self.memory.growth(),
             judges_growth: ticks >= JUDGED_TICKS,

@@ -11,8 +11,8 @@ use vocaloco_core::runtime::Runtime;
 
 use super::bundles::DEPLOYMENT;
 
-/// Differences that are shown.
-const SHOWN: usize = 20;
+/// Of what should not be, as many are shown.
+pub(super) const SHOWN: usize = 20;
 
 /// A tick that came to something else the second time.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

@@ -1,8 +1,10 @@
 //! What a soak came to, and which of its promises were broken.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use serde::Serialize;
+use vocaloco_core::decision::{Decision, Forced};
 use vocaloco_core::runtime::TickSummary;
 
 use super::record::Difference;
@@ -29,6 +31,8 @@ pub(super) struct Report {
     pub(super) differences: Vec<Difference>,
     /// Faults that must end in the stand in the same tick and did not.
     pub(super) unanswered: u64,
+    /// The first of them.
+    pub(super) first_unanswered: Vec<Unanswered>,
     /// Ticks with a target that is no number.
     pub(super) unsound_targets: u64,
     /// Highest memory after the first fifth over the highest within it, less 1.
@@ -50,6 +54,33 @@ pub(super) struct Report {
     pub(super) ticks_per_s: f64,
     /// What ticks took, isolated plugins' hangs included.
     pub(super) timing: TickSummary,
+}
+
+/// A fault that was not answered as it must be.
+#[derive(Debug, Serialize)]
+pub(super) struct Unanswered {
+    tick: u64,
+    active: String,
+    /// What had to overrule the window for what was put in, if anything.
+    wanted: Option<Forced>,
+    forced: Option<Forced>,
+    events: Vec<String>,
+}
+
+impl Unanswered {
+    pub(super) fn of(decision: &Decision, wanted: Option<Forced>) -> Self {
+        let Decision { tick, active, forced, events, .. } = decision;
+        Self { tick: *tick, active: active.clone(), wanted, forced: *forced, events: events.clone() }
+    }
+}
+
+impl fmt::Display for Unanswered {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { tick, active, wanted, forced, events } = self;
+        let said = |forced: &Option<Forced>| forced.map_or("nothing".to_owned(), |it| format!("{it:?}"));
+        let (wanted, forced) = (said(wanted), said(forced));
+        write!(formatter, "  tick {tick}: {active} drove, forced by {forced}, wanted {wanted}; {events:?}")
+    }
 }
 
 impl Report {
@@ -105,6 +136,9 @@ impl Report {
         for difference in &self.differences {
             output::line(&difference.to_string())?;
         }
+        for unanswered in &self.first_unanswered {
+            output::line(&unanswered.to_string())?;
+        }
         output::line(&self.timing.to_string())?;
         output::line(&self.command)?;
         Ok(())
@@ -126,6 +160,7 @@ mod tests {
             replay_differs: 0,
             differences: Vec::new(),
             unanswered: 0,
+            first_unanswered: Vec::new(),
             unsound_targets: 0,
             rss_growth: 0.05,
             judges_growth: true,
