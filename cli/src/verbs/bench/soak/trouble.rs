@@ -68,7 +68,8 @@ const SPOILS: [(&str, Option<Forced>, Spoil); 10] = [
     ("measurement: NaN", Some(Forced::Observation), |o| o.joint_velocity_rad_per_s[4] = f32::NAN),
     ("measurement: infinite", Some(Forced::Observation), |o| o.projected_gravity[1] = f32::INFINITY),
     ("measurement: a joint short", Some(Forced::Observation), |o| o.joint_position_rad.truncate(11)),
-    ("measurement: from the past", Some(Forced::Observation), |o| o.t_s = -1.0),
+    // Earlier than any before it, two in a row as well.
+    ("measurement: from the past", Some(Forced::Observation), |o| o.t_s = -1.0 - o.t_s),
 ];
 
 fn each_elevation(observation: &mut Observation, change: fn(&mut vocaloco_core::elevation::Elevation)) {
