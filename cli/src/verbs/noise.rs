@@ -45,3 +45,22 @@ impl fmt::Display for NoiseArgs {
         write!(formatter, "--field-noise-m {field_noise_m} --patch-noise-m {patch_noise_m}")
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_that_is_none_is_refused_by_its_flag_and_the_rest_is_named_as_given() {
+        let protocol = NoiseArgs::PROTOCOL;
+        assert!(protocol.check().is_ok());
+        assert_eq!(protocol.to_string(), "--field-noise-m 0.1 --patch-noise-m 0.02");
+        for wrong in [-0.1, 1.5, f32::NAN] {
+            let refused = |noise: NoiseArgs| noise.check().unwrap_err().to_string();
+            let field = refused(NoiseArgs { field_noise_m: wrong, ..protocol });
+            assert_eq!(field, format!("--field-noise-m: found {wrong}, wanted 0 to 1"));
+            let patch = refused(NoiseArgs { patch_noise_m: wrong, ..protocol });
+            assert_eq!(patch, format!("--patch-noise-m: found {wrong}, wanted 0 to 1"));
+        }
+    }
+}
