@@ -57,7 +57,7 @@ fn stop(
         predictors: Box::new(Scripted(Arc::clone(&viable))),
     };
     let windows = Windows { switch: 1, stop: 1, resume: 1000 };
-    let config = RuntimeConfig { rate_hz: 50.0, max_age_s: 0.2, windows };
+    let config = RuntimeConfig::of(windows);
     let mut runtime = Runtime::from_skills(config, Arc::clone(&robot), vec![skill]);
 
     let course = CourseConfig::demo(course.0, course.1, 7);

@@ -3,7 +3,7 @@
 
 use vocaloco_core::decision::{Decision, Forced};
 use vocaloco_core::manifest::Isolation;
-use vocaloco_core::observation::Observation;
+use vocaloco_core::observation::{BaseInOdom, Observation};
 use vocaloco_core::selector::Reason;
 use vocaloco_tests::Walking;
 
@@ -136,13 +136,23 @@ fn terrain_that_is_missing_stale_small_or_unknown() {
 }
 
 #[test]
-fn a_measurement_that_is_no_number_missing_or_from_the_past() {
+fn a_measurement_that_is_no_number_missing_from_the_past_or_of_another_unit() {
     type Spoiler = fn(&mut Observation);
-    let spoilers: [(&str, Spoiler); 4] = [
+    let spoilers: [(&str, Spoiler); 7] = [
         ("joint_velocity_rad_per_s.RF_HFE: found NaN", |o| o.joint_velocity_rad_per_s[4] = f32::NAN),
         ("projected_gravity[1]: found inf", |o| o.projected_gravity[1] = f32::INFINITY),
         ("joint_position_rad: found 11 values", |o| o.joint_position_rad.truncate(11)),
         ("t_s: found 0, wanted", |o| o.t_s = 0.0),
+        ("joint_position_rad.LF_KFE: found -", |o| {
+            o.joint_position_rad.iter_mut().for_each(|angle| *angle = angle.to_degrees());
+            o.joint_position_rad[..2].fill(0.0);
+        }),
+        ("projected_gravity: found length 9.81", |o| {
+            o.projected_gravity = o.projected_gravity.map(|g| 9.81 * g);
+        }),
+        ("base_in_odom.orientation_xyzw: found length 0.000", |o| {
+            o.base_in_odom = Some(BaseInOdom { position_m: [0.0; 3], orientation_xyzw: [0.0; 4] });
+        }),
     ];
     for (why, spoil) in spoilers {
         let mut walking = Walking::at_speed("none", Isolation::None, None);
@@ -150,6 +160,51 @@ fn a_measurement_that_is_no_number_missing_or_from_the_past() {
         assert_stands(&walking, &decision, Forced::Observation, why);
         assert_walks_on(&mut walking, why);
     }
+}
+
+#[test]
+fn measurements_and_terrain_that_stay_the_same() {
+    type Copy = fn(&mut Observation, &Observation);
+    let frozen: [(&str, Forced, usize, Copy); 2] = [
+        ("joints and base: found the same measurement for 0.100 s", Forced::Observation, 5, |now, then| {
+            *now = Observation { t_s: now.t_s, elevation: now.elevation.take(), ..then.clone() };
+        }),
+        (
+            "elevation: found the same heights for 0.200 s under new times",
+            Forced::Terrain,
+            10,
+            |now, then| {
+                now.elevation = then.elevation.clone();
+                now.elevation.as_mut().expect("terrain").t_s = now.t_s;
+            },
+        ),
+    ];
+    for (why, forced, ticks, repeat) in frozen {
+        let mut walking = Walking::at_speed("none", Isolation::None, None);
+        let mut then = None;
+        walking.tick_with(|now| then = Some(now.clone()));
+        let then = then.expect("an observation");
+        for _ in 1..ticks {
+            assert_eq!(walking.tick_with(|now| repeat(now, &then)).active, "walk", "{why}: not yet");
+        }
+        let decision = walking.tick_with(|now| repeat(now, &then));
+        assert_stands(&walking, &decision, forced, why);
+        for _ in 0..50 {
+            assert_eq!(walking.tick_with(|now| repeat(now, &then)).forced, Some(forced), "{why}: still");
+        }
+        assert_walks_on(&mut walking, why);
+    }
+}
+
+#[test]
+fn a_base_that_lies_on_its_side() {
+    let mut walking = Walking::at_speed("none", Isolation::None, None);
+    let decision = walking.tick_with(|o| o.projected_gravity = [0.1, 0.95, -0.3]);
+    let why = "projected_gravity: found a base tilted by 1.27 rad, wanted at most 1.2";
+    assert_stands(&walking, &decision, Forced::Fallen, why);
+    assert_eq!((decision.choice.as_str(), decision.stopped), ("stop", true));
+    assert!(decision.skills[0].viable, "its predictors are asked all the same: {decision:?}");
+    assert_walks_on(&mut walking, why);
 }
 
 #[test]

@@ -46,7 +46,7 @@ fn walk_goes_the_same_way_alone_and_in_the_loop() {
         predictors: Box::new(Says::always(1.0, 0.2)),
     };
     let windows = Windows { switch: 1, stop: 1, resume: 1 };
-    let runtime_config = RuntimeConfig { rate_hz: 50.0, max_age_s: 0.2, windows };
+    let runtime_config = RuntimeConfig::of(windows);
     let mut runtime = Runtime::from_skills(runtime_config, Arc::clone(&robot), vec![skill]);
     let mut pilot = SelectorPilot::new(&config, &mut plant, &terrain, &mut runtime);
     let looped = drive(&config, &mut pilot).expect("driven");

@@ -9,7 +9,9 @@ use vocaloco_core::observation::Observation;
 use vocaloco_core::plugin::{PluginInstance, PluginLibrary};
 use vocaloco_core::registry::{ModelPolicy, load_skill};
 use vocaloco_core::robot::RobotModel;
-use vocaloco_core::runtime::{CallFault, Pace, Predict, Runtime, RuntimeConfig, Skill, Supervision};
+use vocaloco_core::runtime::{
+    CallFault, FrozenLimits, Pace, Predict, Runtime, RuntimeConfig, Skill, Supervision,
+};
 use vocaloco_core::selector::Prediction;
 use vocaloco_core::switch::Windows;
 use vocaloco_plugin_api::{Command, JointTarget, TerrainPatch};
@@ -66,6 +68,8 @@ pub struct Walking {
 impl Walking {
     /// Of both skills, whatever is shipped.
     pub const THRESHOLD: f32 = 0.95;
+    /// For how long its measurements may stay the same.
+    pub const FROZEN: FrozenLimits = FrozenLimits { measurement_s: Some(0.1), terrain_s: Some(0.2) };
 
     /// The robot in its stand; `bad` misbehaves as `fault` says, see the plugin `faulty`.
     ///
@@ -103,7 +107,7 @@ impl Walking {
             skill("bad", bad.expect("sound until it is not"), &bad_says),
         ];
         let windows = Windows { switch: 10, stop: 10, resume: 25 };
-        let config = RuntimeConfig { rate_hz: 50.0, max_age_s: 0.2, windows };
+        let config = RuntimeConfig { frozen: Self::FROZEN, ..RuntimeConfig::of(windows) };
         let mut runtime = Runtime::from_skills(config, Arc::clone(&robot), skills);
         if let Some(act_s) = act_s {
             let deadlines = Deadlines { act_s, predict_s: act_s };

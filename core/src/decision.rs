@@ -49,12 +49,21 @@ pub enum Forced {
     Terrain,
     /// The measurement cannot be used.
     Observation,
+    /// The base is tilted further than skills may drive at.
+    Fallen,
     /// The active skill was taken out of service.
     Fault,
     /// A call for the active skill took longer than its budget: the stand drives for this tick.
     Overrun,
     /// The active skill is on its way to its target: stops and switches wait.
     Committed,
+}
+
+impl Forced {
+    /// Whether it is a stop, which waits for no window.
+    pub const fn is_stop(self) -> bool {
+        matches!(self, Self::Terrain | Self::Observation | Self::Fallen | Self::Fault)
+    }
 }
 
 /// Wall-clock time spent, µs; only measured where a clock is given.
@@ -136,6 +145,7 @@ impl Decision {
                 Forced::ZeroCommand => "zero command: it stands",
                 Forced::Terrain => "terrain unusable: stop",
                 Forced::Observation => "measurement unusable: stop",
+                Forced::Fallen => "base tilted too far: stop",
                 Forced::Fault => "active skill out of service: stop",
                 Forced::Overrun => "active skill over its budget: it stands for this tick",
                 Forced::Committed => "active skill is committed: it goes on to its target",

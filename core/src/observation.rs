@@ -81,8 +81,12 @@ pub struct Required {
     pub base_in_odom: bool,
 }
 
+/// How far beyond its range a joint may be measured, rad: more is of another unit or another zero.
+const BEYOND_RANGE_RAD: f64 = 1.0;
+
 impl Observation {
-    /// Checks that every array has its length and every value is a finite number.
+    /// Checks that every array has its length, every value is a finite number, and none is of another unit: a joint
+    /// within a radian of its range, gravity and orientation of about unit length.
     ///
     /// The terrain is not looked at: without it the robot stops, which is no fault of this kind.
     ///
@@ -106,6 +110,13 @@ impl Observation {
             }
         };
         joints("joint_position_rad", &self.joint_position_rad)?;
+        for (&position_rad, joint) in self.joint_position_rad.iter().zip(&robot.joints) {
+            let (low, high) = (joint.lower_rad - BEYOND_RANGE_RAD, joint.upper_rad + BEYOND_RANGE_RAD);
+            if !(low..=high).contains(&f64::from(position_rad)) {
+                let field = format!("joint_position_rad.{}", joint.name);
+                return Err(ObservationFault::new(field, position_rad, format!("{low:.2} to {high:.2} rad")));
+            }
+        }
         joints("joint_velocity_rad_per_s", &self.joint_velocity_rad_per_s)?;
         match &self.joint_torque_nm {
             Some(torques) => joints("joint_torque_nm", torques)?,
@@ -127,16 +138,30 @@ impl Observation {
         vector("base_linear_velocity_m_per_s", &self.base_linear_velocity)?;
         vector("base_angular_velocity_rad_per_s", &self.base_angular_velocity)?;
         vector("projected_gravity", &self.projected_gravity)?;
+        let [x, y, z] = self.projected_gravity.map(f64::from);
+        unit("projected_gravity", (x * x + y * y + z * z).sqrt())?;
         vector("command.velocity", &self.command.velocity)?;
         vector("command.target", &self.command.target)?;
         match &self.base_in_odom {
             Some(base) if !base.position_m.iter().chain(&base.orientation_xyzw).all(|v| v.is_finite()) => {
                 Err(ObservationFault::new("base_in_odom", format!("{base:?}"), "finite numbers"))
             }
+            Some(base) => {
+                let squares = base.orientation_xyzw.iter().map(|value| value * value);
+                unit("base_in_odom.orientation_xyzw", squares.sum::<f64>().sqrt())
+            }
             None if required.base_in_odom => Err(missing("base_in_odom")),
-            _ => Ok(()),
+            None => Ok(()),
         }
     }
+}
+
+/// A direction has length 1; noise shortens or stretches it, another unit does more.
+fn unit(field: &str, length: f64) -> Result<(), ObservationFault> {
+    if (0.5..=1.5).contains(&length) {
+        return Ok(());
+    }
+    Err(ObservationFault::new(field, format!("length {length:.3}"), "length 1: a direction without a unit"))
 }
 
 fn missing(field: &str) -> ObservationFault {

@@ -61,7 +61,7 @@ impl Replayer {
 
     /// Decides the next tick again, with the predictions that `predict` gives for it and a skill.
     ///
-    /// What overruled the window then (unknown terrain, unusable measurements, a zero command) does so
+    /// What overruled the window then (unknown terrain, unusable measurements, a fall, a zero command) does so
     /// again; a plugin that failed, or was late, does so again if it is the active one in the same tick. Skills that
     /// came while the loop ran come again, under the rules they had; those that went on keep `rules`.
     pub fn tick(
@@ -99,7 +99,7 @@ impl Replayer {
                 Active::Skill(skill) => reasons.get(skill).copied(),
                 Active::Stand => None,
             };
-            if verdict.is_some_and(Reason::is_out_of_service) {
+            if verdict.is_some_and(Reason::is_out_of_service) || forced == Some(Forced::Fallen) {
                 filter.stop_now();
                 choice = Choice::Stop;
             } else if forced == Some(Forced::Committed) {

@@ -4,7 +4,7 @@ use crate::runtime::fixture::{Loop, fake, skill};
 use crate::runtime::{Place, Roster};
 use crate::switch::Windows;
 
-/// A loop that walks, ascends, fails, stands and stops; every tick of it, and its runtime.
+/// A loop that walks, ascends, falls, fails, stands and stops; every tick of it, and its runtime.
 fn eventful() -> (Setup, Vec<Decision>) {
     let (walk, ascend) = (fake(0.99, 0.2), fake(0.93, 0.9));
     let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &ascend)]);
@@ -16,6 +16,10 @@ fn eventful() -> (Setup, Vec<Decision>) {
     it.observation.joint_position_rad[3] = f32::NAN;
     decisions.push(it.tick());
     it.observation.joint_position_rad[3] = 0.0;
+    decisions.extend((0..30).map(|_| it.tick()));
+    it.observation.projected_gravity = [0.0, -1.0, 0.0];
+    decisions.extend((0..3).map(|_| it.tick()));
+    it.observation.projected_gravity = [0.0, 0.0, -1.0];
     decisions.extend((0..30).map(|_| it.tick()));
     ascend.with(|script| script.fails = true);
     decisions.extend((0..5).map(|_| it.tick()));

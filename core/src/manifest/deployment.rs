@@ -32,6 +32,8 @@ pub struct Deployment {
     pub resume_window: usize,
     /// When terrain counts as unknown.
     pub heightfield: HeightfieldLimits,
+    /// When finite measurements are not driven on.
+    pub measurement: MeasurementLimits,
     /// How long calls may take in real time.
     pub deadlines: Deadlines,
     /// How targets go over from one skill to the next.
@@ -49,6 +51,28 @@ pub struct Deployment {
 pub struct HeightfieldLimits {
     /// Oldest terrain that is still looked at, s.
     pub max_age_s: f64,
+    /// Longest time for which heights may stay the same, bit for bit, while a skill drives, s; none is not looked at.
+    pub frozen_s: Option<f64>,
+}
+
+impl HeightfieldLimits {
+    /// Those of a deployment that says nothing.
+    pub const DEFAULT: Self = Self { max_age_s: 0.2, frozen_s: None };
+}
+
+/// When finite measurements are not driven on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeasurementLimits {
+    /// Largest angle between the base's z axis and the vertical at which skills may drive, rad.
+    pub max_tilt_rad: f64,
+    /// Longest time for which joints and base may stay the same, bit for bit, while a skill drives, s; none is not
+    /// looked at.
+    pub frozen_s: Option<f64>,
+}
+
+impl MeasurementLimits {
+    /// Those of a deployment that says nothing.
+    pub const DEFAULT: Self = Self { max_tilt_rad: 1.2, frozen_s: None };
 }
 
 #[derive(Deserialize)]
@@ -68,6 +92,8 @@ struct Raw {
     #[serde(default)]
     heightfield: RawHeightfield,
     #[serde(default)]
+    measurement: RawMeasurement,
+    #[serde(default)]
     deadlines: RawDeadlines,
     #[serde(default)]
     switching: RawSwitching,
@@ -86,16 +112,18 @@ struct RawSwitching {
     mixing: bool,
 }
 
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 struct RawHeightfield {
-    max_age_s: f64,
+    max_age_s: Option<f64>,
+    frozen_s: Option<f64>,
 }
 
-impl Default for RawHeightfield {
-    fn default() -> Self {
-        Self { max_age_s: 0.2 }
-    }
+#[derive(Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+struct RawMeasurement {
+    max_tilt_rad: Option<f64>,
+    frozen_s: Option<f64>,
 }
 
 fn fifty() -> f64 {
@@ -166,6 +194,9 @@ impl Deployment {
                 Err(source.finding(field, ticks, "1 to 1000 ticks"))
             }
         };
+        let frozen_s = |field: &str, limit_s: Option<f64>| {
+            limit_s.map(|limit_s| source.inside(field, limit_s, 0.001..=60.0)).transpose()
+        };
         let rate_hz = source.inside("rate_hz", raw.rate_hz, 1.0..=1000.0)?;
         Ok(Self {
             file: path.to_owned(),
@@ -176,7 +207,20 @@ impl Deployment {
             stop_window: window("stop_window", raw.stop_window.unwrap_or(raw.switch_window))?,
             resume_window: window("resume_window", raw.resume_window)?,
             heightfield: HeightfieldLimits {
-                max_age_s: source.inside("heightfield.max_age_s", raw.heightfield.max_age_s, 0.001..=60.0)?,
+                max_age_s: source.inside(
+                    "heightfield.max_age_s",
+                    raw.heightfield.max_age_s.unwrap_or(HeightfieldLimits::DEFAULT.max_age_s),
+                    0.001..=60.0,
+                )?,
+                frozen_s: frozen_s("heightfield.frozen_s", raw.heightfield.frozen_s)?,
+            },
+            measurement: MeasurementLimits {
+                max_tilt_rad: source.inside(
+                    "measurement.max_tilt_rad",
+                    raw.measurement.max_tilt_rad.unwrap_or(MeasurementLimits::DEFAULT.max_tilt_rad),
+                    0.1..=std::f64::consts::PI,
+                )?,
+                frozen_s: frozen_s("measurement.frozen_s", raw.measurement.frozen_s)?,
             },
             switching: Switching {
                 ramp_s: source.inside("switching.ramp_s", raw.switching.ramp_s, 0.0..=1.0)?,

@@ -10,7 +10,7 @@ mod reader;
 mod skill;
 
 pub use deadlines::Deadlines;
-pub use deployment::{Deployment, HeightfieldLimits};
+pub use deployment::{Deployment, HeightfieldLimits, MeasurementLimits};
 pub use finding::Finding;
 pub use reader::read_bounded;
 pub(crate) use reader::{MAX_BYTES, bytes_of};

@@ -128,6 +128,9 @@ fn a_deployment_out_of_range_is_refused_by_field() {
     for (from, to, field) in [
         ("switch_window = 10", "switch_window = 0", "switch_window"),
         ("max_age_s = 0.2", "max_age_s = nan", "heightfield.max_age_s"),
+        ("max_age_s = 0.2", "frozen_s = 0.0", "heightfield.frozen_s"),
+        ("[heightfield]", "[measurement]\nfrozen_s = -1.0\n[heightfield]", "measurement.frozen_s"),
+        ("[heightfield]", "[measurement]\nmax_tilt_rad = 70\n[heightfield]", "measurement.max_tilt_rad"),
         ("rate_hz = 50", "rate_hz = inf", "rate_hz"),
         ("rate_hz = 50", "switching.ramp_s = nan", "switching.ramp_s"),
         ("rate_hz = 50", "trusted_keys = [\"ab\"]", "trusted_keys[0]"),

@@ -32,6 +32,8 @@ impl Runtime {
             self.force(Forced::Terrain);
         } else if retired {
             self.force(Forced::Fault);
+        } else if self.has_fallen(observation) {
+            self.force(Forced::Fallen);
         } else if is_zero(&observation.command) {
             self.force(Forced::ZeroCommand);
         } else if self.is_committed(observation) {
@@ -42,6 +44,20 @@ impl Runtime {
             let verdicts = &self.decision.skills;
             self.filter.step(choice, |skill| verdicts[skill].viable);
         }
+    }
+
+    /// Whether the base is tilted further than skills may drive at; an event says so.
+    fn has_fallen(&mut self, observation: &Observation) -> bool {
+        let [x, y, z] = observation.projected_gravity.map(f64::from);
+        let (tilt_rad, max_tilt_rad) = (libm::atan2(libm::hypot(x, y), -z), self.config.max_tilt_rad);
+        let has_fallen = tilt_rad > max_tilt_rad;
+        if has_fallen {
+            let line = format!(
+                "projected_gravity: found a base tilted by {tilt_rad:.2} rad, wanted at most {max_tilt_rad}"
+            );
+            self.decision.events.push(line);
+        }
+        has_fallen
     }
 
     /// Whether the active skill is on its way to a target and must not be stopped there.
@@ -82,7 +98,7 @@ impl Runtime {
             Forced::ZeroCommand => self.filter.stand_now(),
             // The skill goes on, after an overrun as soon as it answers in time.
             Forced::Overrun | Forced::Committed => {}
-            Forced::Terrain | Forced::Observation | Forced::Fault => self.filter.stop_now(),
+            Forced::Terrain | Forced::Observation | Forced::Fallen | Forced::Fault => self.filter.stop_now(),
         }
     }
 

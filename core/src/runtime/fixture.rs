@@ -148,11 +148,7 @@ pub(crate) struct Loop {
 
 impl Loop {
     pub(crate) fn new(skills: Vec<Skill>) -> Self {
-        let config = RuntimeConfig {
-            rate_hz: 50.0,
-            max_age_s: 0.2,
-            windows: Windows { switch: 10, stop: 10, resume: 25 },
-        };
+        let config = RuntimeConfig::of(Windows { switch: 10, stop: 10, resume: 25 });
         let robot = robot();
         let position = robot.stand_position_rad();
         let observation = Observation {

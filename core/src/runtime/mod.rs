@@ -9,6 +9,7 @@ mod drive;
 #[cfg(test)]
 pub(crate) mod fixture;
 mod follow;
+mod frozen;
 mod handover;
 mod perceive;
 mod roster;
@@ -27,6 +28,8 @@ use deadline::{Overruns, WatchedController, WatchedPredictors};
 pub use deadline::{Pace, Supervision, TickSummary, TickTimes};
 use drive::Way;
 pub use follow::{Followed, Follower, Watch};
+use frozen::Frozen;
+pub use frozen::FrozenLimits;
 use handover::Handover;
 pub use handover::Switching;
 use roster::Pending;
@@ -35,7 +38,7 @@ use skill::Limits;
 pub use skill::{CallFault, Controller, Networks, Predict, Skill};
 
 use crate::decision::{Decision, Forced, STAND, STOP, SkillVerdict, Timings};
-use crate::manifest::Deployment;
+use crate::manifest::{Deployment, HeightfieldLimits, MeasurementLimits};
 use crate::observation::{Observation, ObservationFault, Required};
 use crate::plugin::PluginError;
 use crate::registry::LoadedDeployment;
@@ -65,8 +68,25 @@ pub struct RuntimeConfig {
     pub rate_hz: f64,
     /// Oldest terrain that is looked at, s.
     pub max_age_s: f64,
+    /// Largest angle between the base's z axis and the vertical at which skills may drive, rad.
+    pub max_tilt_rad: f64,
+    /// For how long measurements may stay the same.
+    pub frozen: FrozenLimits,
     /// The switch filter's windows.
     pub windows: Windows,
+}
+
+impl RuntimeConfig {
+    /// That of a deployment which says nothing but its windows.
+    pub const fn of(windows: Windows) -> Self {
+        Self {
+            rate_hz: 50.0,
+            max_age_s: HeightfieldLimits::DEFAULT.max_age_s,
+            max_tilt_rad: MeasurementLimits::DEFAULT.max_tilt_rad,
+            frozen: FrozenLimits { measurement_s: None, terrain_s: None },
+            windows,
+        }
+    }
 }
 
 impl From<&Deployment> for RuntimeConfig {
@@ -74,6 +94,11 @@ impl From<&Deployment> for RuntimeConfig {
         Self {
             rate_hz: deployment.rate_hz,
             max_age_s: deployment.heightfield.max_age_s,
+            max_tilt_rad: deployment.measurement.max_tilt_rad,
+            frozen: FrozenLimits {
+                measurement_s: deployment.measurement.frozen_s,
+                terrain_s: deployment.heightfield.frozen_s,
+            },
             windows: Windows {
                 switch: deployment.switch_window,
                 stop: deployment.stop_window,
@@ -116,6 +141,7 @@ pub struct Runtime {
     /// Who made the targets in `joints`; none before the first usable observation.
     drives: Option<Active>,
     last_t_s: Option<f64>,
+    frozen: Frozen,
     ticks: u64,
     decision: Decision,
     joints: Vec<JointTarget>,
@@ -170,6 +196,7 @@ impl Runtime {
             mixing: false,
             drives: None,
             last_t_s: None,
+            frozen: Frozen::default(),
             ticks: 0,
             contacts: Vec::new(),
             terrain_m: Vec::new(),
@@ -207,6 +234,7 @@ impl Runtime {
         self.targets.fill(None);
         self.drives = None;
         self.last_t_s = None;
+        self.frozen.forget();
         self.ticks = 0;
     }
 
@@ -256,6 +284,10 @@ impl Runtime {
         }
         let began = self.now();
         self.last_t_s = Some(observation.t_s);
+        let limit_s = self.config.frozen.measurement_s;
+        if let Err(fault) = self.frozen.check(observation, self.is_driven_by_a_skill(), limit_s) {
+            return self.fault_tick(&fault);
+        }
         self.begin(observation.t_s, observation.command.velocity);
 
         let field = self.field(observation);
@@ -296,6 +328,10 @@ impl Runtime {
         Tick { decision: &self.decision, joints: &self.joints }
     }
 
+    fn is_driven_by_a_skill(&self) -> bool {
+        self.filter.active() != Active::Stand
+    }
+
     fn now(&self) -> Option<Duration> {
         self.supervision.map(|supervision| (supervision.clock)())
     }
@@ -328,9 +364,7 @@ impl Runtime {
     }
 
     fn record(&mut self, choice: Choice) {
-        let overruled =
-            matches!(self.decision.forced, Some(Forced::Terrain | Forced::Observation | Forced::Fault));
-        let choice = if overruled { Choice::Stop } else { choice };
+        let choice = if self.decision.forced.is_some_and(Forced::is_stop) { Choice::Stop } else { choice };
         let rules = self.selector.rules();
         let name = |skill: usize| rules[skill].name.as_str();
         let active = match self.decision.forced {

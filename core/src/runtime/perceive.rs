@@ -14,6 +14,9 @@ impl Runtime {
     pub(super) fn field(&mut self, observation: &Observation) -> Option<Field> {
         let age_s = |t_s: f64| observation.t_s - t_s;
         let max_age_s = self.config.max_age_s + 1e-9;
+        let (drives, frozen_s) = (self.is_driven_by_a_skill(), self.config.frozen.terrain_s);
+        let repeated_s =
+            observation.elevation.as_ref().and_then(|seen| self.frozen.terrain_s(seen, drives, frozen_s));
         let prepared = match &observation.elevation {
             None => Err("elevation: found nothing, wanted a patch of terrain".to_owned()),
             // Phrased as "is inside", so a time that is no number is refused too.
@@ -21,6 +24,9 @@ impl Runtime {
                 "elevation: found terrain {:.3} s old, wanted at most {} s",
                 age_s(elevation.t_s),
                 self.config.max_age_s
+            )),
+            Some(_) if let Some(held_s) = repeated_s => Err(format!(
+                "elevation: found the same heights for {held_s:.3} s under new times, wanted others while a skill drives"
             )),
             Some(elevation) => {
                 let noise: Option<&Noise> = observation.field_noise.as_ref();

@@ -80,6 +80,22 @@ fn a_zero_command_stands_at_once() {
 }
 
 #[test]
+fn a_robot_that_has_fallen_stands_until_it_is_upright() {
+    let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
+    it.until("walk");
+    it.observation.projected_gravity = [0.0, -0.9, -0.43];
+    assert_eq!(it.tick().active, "walk", "64 degrees");
+    it.observation.projected_gravity = [0.0, -1.0, 0.1];
+    let decision = it.tick();
+    assert_eq!((decision.active.as_str(), decision.forced), ("stand", Some(Forced::Fallen)));
+    assert_eq!((decision.reason.as_str(), decision.choice.as_str()), ("base tilted too far: stop", "stop"));
+    assert!(decision.stopped && it.stands_with_stand_gains());
+    assert_eq!(it.ticks(100).active, "stand");
+    it.observation.projected_gravity = [0.0, 0.0, -1.0];
+    assert_eq!(it.until("walk"), 25);
+}
+
+#[test]
 fn a_command_outside_the_range_stops_with_that_reason() {
     let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]);
     it.until("walk");

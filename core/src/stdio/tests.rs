@@ -130,6 +130,21 @@ fn values_that_are_no_finite_numbers_are_named() {
 }
 
 #[test]
+fn values_of_another_unit_are_named() {
+    let degrees = error(|line| line["joint_position_rad"]["LF_KFE"] = json!(-45.8));
+    let [field, found, wanted] =
+        ["joint_position_rad.LF_KFE", "-45.8", "-3.60 to 0.90 rad"].map(str::to_owned);
+    assert_eq!(degrees, (field, found, wanted));
+    let (field, found, wanted) = error(|line| line["projected_gravity"] = json!([0.0, 0.2, -9.8]));
+    assert_eq!((field.as_str(), found.as_str()), ("projected_gravity", "length 9.802"));
+    assert_eq!(wanted, "length 1: a direction without a unit");
+    let (field, found, _) = error(|line| {
+        line["base_in_odom"] = json!({"position_m": [0, 0, 0.5], "orientation_xyzw": [0, 0, 0, 0]});
+    });
+    assert_eq!((field.as_str(), found.as_str()), ("base_in_odom.orientation_xyzw", "length 0.000"));
+}
+
+#[test]
 fn a_line_that_is_not_json_is_answered() {
     for text in ["", "{", "[1, 2]", "null", "{\"t_s\": NaN}", "{\"t_s\": 1e999}", "\u{0}"] {
         assert_eq!(raw_error(text.to_owned()).0, "line", "{text:?}");

@@ -271,10 +271,9 @@ impl<'a> Soak<'a> {
 
 /// Whether a fault that must end in the stand does: the one that was put in, and any that the decision names.
 fn is_answered(decision: &Decision, wanted: Option<Forced>) -> bool {
-    let faults = [Forced::Terrain, Forced::Observation, Forced::Fault];
     let stands = decision.active == STAND;
     let is_said = wanted.is_none_or(|wanted| decision.forced == Some(wanted));
-    is_said && (stands || !decision.forced.is_some_and(|forced| faults.contains(&forced)))
+    is_said && (stands || !decision.forced.is_some_and(Forced::is_stop))
 }
 
 fn is_sound(target: &JointTarget) -> bool {
