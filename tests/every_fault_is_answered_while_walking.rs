@@ -58,9 +58,9 @@ fn a_plugin_that_hangs_or_is_slow_in_real_time() {
         let late = "skill bad is late: act: found no answer, wanted one within 700.0 ms";
         assert_stands(&walking, &decision, Forced::Overrun, late);
         let second = walking.tick();
-        assert_stands(&walking, &second, Forced::Overrun, "skill bad is late: reset: found no answer");
+        assert_stands(&walking, &second, Forced::Overrun, "skill bad is late: reset and act: found no answer");
         let third = walking.tick();
-        let out = "skill bad is taken out of service: reset: found no answer";
+        let out = "skill bad is taken out of service: reset and act: found no answer";
         assert_stands(&walking, &third, Forced::Fault, out);
         assert_eq!(third.skills[1].reason, Reason::TooSlow, "{fault}");
         assert_walks_on(&mut walking, fault);
@@ -76,11 +76,13 @@ fn an_isolated_plugin_that_ends_its_process_grows_or_never_returns() {
         ("nan", "LH_HFE: position_rad NaN"),
         ("panic", "act panicked: asked for a panic in act"),
         ("leak", "ended by signal"),
+        ("long_error", "act: words words words"),
+        ("second_answer", "found an answer to another call from its process, which was ended"),
     ] {
         let mut walking = Walking::at_speed(fault, Isolation::Process, None);
         let mut decision = walking.until_bad_is_called();
         for _ in 0..16 {
-            if fault == "leak" && decision.active == "bad" {
+            if ["leak", "second_answer"].contains(&fault) && decision.active == "bad" {
                 decision = walking.tick();
             }
         }

@@ -135,6 +135,25 @@ fn what_is_not_sound_changes_nothing_until_it_is() {
 }
 
 #[test]
+fn files_that_are_touched_or_changed_and_changed_back_disturb_nothing() {
+    let fixture = fixture();
+    let mut session = Session::start(&fixture, &[]);
+    session.until("walk drives", active("walk"));
+    let manifest = "manifests/skills/walk.toml";
+    let text = std::fs::read(fixture.root().join(manifest)).expect("a manifest");
+    for bytes in [text.clone(), b"nonsense".to_vec(), text] {
+        fixture.write(manifest, &bytes);
+        for _ in 0..30 {
+            let answer = session.tick();
+            let spoiled = bytes == b"nonsense" && answer["events"][0].as_str().is_some();
+            assert!(answer["active"] == "walk" && (spoiled || answer["events"] == json!([])), "{answer}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+    session.end();
+}
+
+#[test]
 fn under_a_lock_a_skill_comes_with_a_new_lock_of_a_trusted_key_alone() {
     let fixture = fixture();
     let installation = fixture.installation();

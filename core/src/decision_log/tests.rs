@@ -73,7 +73,7 @@ fn a_log_of_skills_that_come_and_go_comes_back_and_one_that_hides_it_is_refused(
             "trot" => Place::New(skill("trot", &fake(0.99, 0.2))),
             name => Place::Kept(name.to_owned()),
         };
-        it.runtime.adopt(Roster { places: names.iter().map(place).collect(), events: Vec::new() });
+        it.runtime.adopt(Roster { places: names.iter().map(place).collect(), events: Vec::new(), deadlines: None });
         decisions.extend((0..20).map(|_| it.tick()));
     }
     let log = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap();
@@ -155,7 +155,7 @@ fn a_log_in_which_a_skill_came_is_read_and_a_number_that_nobody_announced_is_not
     let setup = Setup::of(&it.runtime, "test");
     let mut decisions: Vec<_> = (0..5).map(|_| it.tick()).collect();
     let places = vec![Place::Kept("walk".into()), Place::New(skill("trot", &fake(0.99, 0.2)))];
-    drop(it.runtime.adopt(Roster { places, events: Vec::new() }));
+    drop(it.runtime.adopt(Roster { places, events: Vec::new(), deadlines: None }));
     decisions.extend((0..5).map(|_| it.tick()));
     let log = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap();
     assert!(log.decisions == decisions);

@@ -202,7 +202,7 @@ impl Deployment {
             file: path.to_owned(),
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             rate_hz,
-            deadlines: Deadlines::checked(source, &raw.deadlines, rate_hz, raw.skills.len())?,
+            deadlines: Deadlines::checked(source, &raw.deadlines, rate_hz, raw.skills.len(), raw.switching.mixing)?,
             switch_window: window("switch_window", raw.switch_window)?,
             stop_window: window("stop_window", raw.stop_window.unwrap_or(raw.switch_window))?,
             resume_window: window("resume_window", raw.resume_window)?,

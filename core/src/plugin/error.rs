@@ -50,6 +50,11 @@ impl PluginError {
         }
     }
 
+    /// Whether it is of the process that it was to run in, and may be otherwise the next time.
+    pub(super) fn may_pass(&self) -> bool {
+        self.finding().field == "isolation"
+    }
+
     /// Its place among the kinds, for another process of this program.
     #[cfg(target_os = "linux")]
     pub(super) const fn kind(&self) -> u32 {

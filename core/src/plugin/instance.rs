@@ -61,6 +61,15 @@ impl PluginInstance {
         &self.needs
     }
 
+    /// The process that it runs in, where that is another one.
+    pub fn process(&self) -> Option<u32> {
+        match &self.instance {
+            Instance::Here(_) => None,
+            #[cfg(target_os = "linux")]
+            Instance::Child(child) => Some(child.id()),
+        }
+    }
+
     /// Forget everything: called when the skill becomes active.
     ///
     /// # Errors

@@ -134,8 +134,14 @@ impl PluginLibrary {
     ) -> Result<Arc<Self>, PluginError> {
         // Held while loading: two threads must not load the same bytes twice.
         let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
-        let library = seen.entry(digest).or_insert_with(|| load().map(Arc::new)).clone();
-        library.map_err(|error| error.about(file))
+        if let Some(library) = seen.get(&digest) {
+            return library.clone().map_err(|error| error.about(file));
+        }
+        let library = load().map(Arc::new);
+        if !library.as_ref().is_err_and(PluginError::may_pass) {
+            seen.insert(digest, library.clone());
+        }
+        library
     }
 
     fn named(self: Arc<Self>, name: &str, file: &Path) -> Result<Arc<Self>, PluginError> {

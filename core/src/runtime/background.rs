@@ -16,6 +16,37 @@ pub fn give_way() {
     }
 }
 
+/// Lets a thread or process of this number, 0 for the calling thread, run one real-time priority below the calling
+/// thread's, so that one that spins never keeps the loop from a core.
+///
+/// Without a real-time policy, or at the lowest priority of one, it runs as the calling thread; where the system
+/// refuses, as it was. Other systems than Linux do nothing here.
+#[cfg_attr(target_os = "linux", allow(unsafe_code, reason = "the scheduler is reached through C alone"))]
+pub(super) fn follow_closely(number: u32) {
+    #[cfg(target_os = "linux")]
+    // SAFETY: the calls are about the calling thread, which 0 stands for, and about `number`, and write to and read
+    // from `parameters`, a plain struct of integers that lives here.
+    unsafe {
+        let mut parameters: libc::sched_param = std::mem::zeroed();
+        let policy = libc::sched_getscheduler(0);
+        if policy < 0 || libc::sched_getparam(0, &raw mut parameters) != 0 {
+            return;
+        }
+        parameters.sched_priority = below(parameters.sched_priority);
+        if let Ok(number) = libc::pid_t::try_from(number) {
+            libc::sched_setscheduler(number, policy, &raw const parameters);
+        }
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = number;
+}
+
+/// The next lower real-time priority; 0 is none, and 1 the lowest.
+#[cfg(target_os = "linux")]
+fn below(priority: i32) -> i32 {
+    if priority > 1 { priority - 1 } else { priority }
+}
+
 /// Keeps what skills that come and go leave behind from piling up: blocks of 128 KiB and more go back to the
 /// system when they are freed, in this whole process, from now on.
 ///

@@ -132,7 +132,7 @@ impl Runtime {
     }
 
     pub(super) fn stand(&mut self, sensed: Sensed<'_>) {
-        if self.drives != Some(Active::Stand) {
+        if std::mem::take(&mut self.is_orphaned) || self.drives != Some(Active::Stand) {
             let last = self.drives.is_some().then_some(self.joints.as_slice());
             self.stand.begin(sensed, last);
             self.drives = Some(Active::Stand);
@@ -221,13 +221,14 @@ impl Runtime {
             foot_contact: self.contacts.as_slice().into(),
             terrain_m: self.terrain_m.as_slice().into(),
         };
-        if reset {
-            skill.controller.reset(&state).map_err(|fault| ("reset", fault))?;
-        }
         // A controller that leaves a target out must not drive with what stood there before.
         self.candidate.fill(JointTarget { position_rad: f32::NAN, ..JointTarget::default() });
-        let acted = skill.controller.act(&state, &command, &mut self.candidate);
-        acted.map_err(|fault| ("act", fault))?;
+        if reset {
+            skill.controller.begin(&state, &command, &mut self.candidate)?;
+        } else {
+            let acted = skill.controller.act(&state, &command, &mut self.candidate);
+            acted.map_err(|fault| ("act", fault))?;
+        }
         self.limits.check(&self.candidate).map_err(|line| ("act", CallFault::Failed(line)))
     }
 }

@@ -24,6 +24,7 @@ pub(crate) fn robot() -> Arc<RobotModel> {
 pub(crate) struct Script {
     pub(crate) prediction: Option<(f32, f32)>,
     pub(crate) act: Option<fn(&mut [JointTarget])>,
+    pub(crate) reset: Option<fn()>,
     pub(crate) fails: bool,
     pub(crate) reset_fails: bool,
     pub(crate) resets: usize,
@@ -63,6 +64,9 @@ impl Controller for Fake {
     fn reset(&mut self, _: &RobotState<'_>) -> Result<(), CallFault> {
         self.with(|script| {
             script.resets += 1;
+            if let Some(reset) = script.reset {
+                reset();
+            }
             if script.reset_fails { Err(CallFault::Failed("no start".into())) } else { Ok(()) }
         })
     }

@@ -7,13 +7,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel, sync_channel};
 use std::time::{Duration, SystemTime};
 
 use super::{Pace, Place, Roster, Skill, Supervision, background::return_large_blocks, give_way};
 use crate::installation::Installation;
-use crate::lock::{Intake, Lock, PublicKey};
-use crate::manifest::{Deployment, Finding, SkillManifest};
+use crate::lock::{Intake, Lock, PublicKey, sha256_hex};
+use crate::manifest::{Deadlines, Deployment, Finding, SkillManifest, bytes_of};
 use crate::plugin::library_file_name;
 use crate::registry::{deployment_through, load_deployed};
 use crate::robot::RobotModel;
@@ -66,7 +66,8 @@ impl Follower {
         running: impl IntoIterator<Item = String>,
         supervision: Option<Supervision>,
     ) -> std::io::Result<Self> {
-        let (found, changes) = channel();
+        // What the loop has not taken yet is waited for: a loop without ticks must not pile up skills.
+        let (found, changes) = sync_channel(1);
         let (gone, dropped) = channel();
         let mut watch = Watch::new(followed, deployment, robot, running, supervision);
         std::thread::Builder::new().name("follow".to_owned()).spawn(move || {
@@ -100,6 +101,12 @@ type Stamp = Option<(SystemTime, u64)>;
 /// The files of a skill, at one moment.
 type Files = BTreeMap<PathBuf, Stamp>;
 
+/// What the files of a skill hold, hashed; none could not be read.
+type Contents = BTreeMap<PathBuf, Option<String>>;
+
+/// Largest file that is looked into, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 30;
+
 /// All the files that count, at one moment.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Seen {
@@ -117,6 +124,13 @@ impl Seen {
             lock: ["lock", "lock.sig"].map(|extension| stamp(&file.with_extension(extension))),
             skills: skills.into_iter().map(|skill| (skill.clone(), files(installation, &skill))).collect(),
         }
+    }
+
+    /// What the files of a skill hold now.
+    fn contents(&self, skill: &str) -> Contents {
+        let hash = |path: &PathBuf| bytes_of(path, MAX_FILE_BYTES).ok().map(|bytes| sha256_hex(&bytes));
+        let files = self.skills.get(skill).into_iter().flat_map(Files::keys);
+        files.map(|path| (path.clone(), hash(path))).collect()
     }
 }
 
@@ -138,6 +152,20 @@ fn files(installation: &Installation, skill: &str) -> Files {
     paths.into_iter().map(|path| (path.clone(), stamp(&path))).collect()
 }
 
+/// What `work` comes to on a thread that gives way to the loop, or on this one when the system has no other; none
+/// where it panics.
+fn apart<T: Send>(work: impl Fn() -> T + Sync) -> Option<T> {
+    let gives_way = || {
+        give_way();
+        work()
+    };
+    let done = std::thread::scope(|scope| {
+        let thread = std::thread::Builder::new().name("follow apart".to_owned());
+        thread.spawn_scoped(scope, &gives_way).map(|thread| thread.join()).ok()
+    });
+    done.map_or_else(|| Some(work()), Result::ok)
+}
+
 fn intake<'a>(installation: &'a Installation, lock: Option<&'a Lock>) -> Intake<'a> {
     match lock {
         Some(lock) => Intake::locked(&installation.root, lock),
@@ -151,13 +179,15 @@ pub struct Watch {
     followed: Followed,
     deployment: Deployment,
     robot: Arc<RobotModel>,
-    /// Skills that the loop has, or is about to get.
-    running: BTreeSet<String>,
+    /// Skills that the loop has, or is about to get, and what they were made of.
+    running: BTreeMap<String, Contents>,
     /// The files with which each skill was last found sound or not.
     judged: BTreeMap<String, Files>,
     supervision: Option<Supervision>,
     /// A change that may not be complete yet.
     settling: Option<Seen>,
+    /// The lock under which the skills were looked at last.
+    locked: [Stamp; 2],
 }
 
 impl Watch {
@@ -170,9 +200,14 @@ impl Watch {
         supervision: Option<Supervision>,
     ) -> Self {
         return_large_blocks();
-        let running = running.into_iter().collect();
-        let judged = followed.seen.skills.clone();
-        Self { followed, deployment, robot, running, judged, supervision, settling: None }
+        let made_of = |skill: String| {
+            let contents = followed.seen.contents(&skill);
+            (skill, contents)
+        };
+        let running: Vec<String> = running.into_iter().collect();
+        let running = apart(|| running.iter().cloned().map(made_of).collect()).unwrap_or_default();
+        let (judged, locked) = (followed.seen.skills.clone(), followed.seen.lock);
+        Self { followed, deployment, robot, running, judged, supervision, settling: None, locked }
     }
 
     /// Looks at the files: the skills as they should be, when that is news. A change is news when the look
@@ -188,17 +223,18 @@ impl Watch {
             self.settling = Some(now);
             return None;
         }
-        let before = std::mem::replace(&mut self.followed.seen, now);
+        self.followed.seen = now;
         self.settling = None;
-        let roster = self.take_up(before.lock);
+        let roster = self.take_up();
         Some(roster.unwrap_or_else(|finding| Roster {
-            places: self.running.iter().cloned().map(Place::Kept).collect(),
+            places: self.running.keys().cloned().map(Place::Kept).collect(),
             events: vec![format!("{finding}; the skills go on as they were")],
+            deadlines: None,
         }))
     }
 
-    /// Loads what differs from what was judged; `locked` is the lock of the look before.
-    fn take_up(&mut self, locked: [Stamp; 2]) -> Result<Roster, Finding> {
+    /// Loads what differs from what was judged.
+    fn take_up(&mut self) -> Result<Roster, Finding> {
         let Followed { installation, name, keys, seen } = &self.followed;
         let lock = keys.as_ref().map(|_| Lock::read(installation, name)).transpose()?;
         let intake = intake(installation, lock.as_ref());
@@ -212,11 +248,14 @@ impl Watch {
             let file = deployment.file.strip_prefix(&installation.root).unwrap_or(&deployment.file);
             events.push(format!("{}: found other settings, taken up at the next start", file.display()));
         }
-        let is_relocked = lock.is_some() && locked != seen.lock;
-        let mut places = Vec::new();
+        let is_relocked = lock.is_some() && self.locked != seen.lock;
+        let (mut places, mut loaded_from) = (Vec::new(), BTreeMap::new());
         for skill in &deployment.skills {
-            let runs = self.running.contains(skill);
-            let is_same = seen.skills.get(skill) == self.judged.get(skill);
+            let running = self.running.get(skill);
+            let runs = running.is_some();
+            let is_same = seen.skills.get(skill) == self.judged.get(skill)
+                // Touched, or changed and changed back.
+                || running.is_some_and(|made_of| Some(made_of) == apart(|| seen.contents(skill)).as_ref());
             if is_same && (runs || !is_relocked) {
                 // One that was refused as it is now would be refused again.
                 places.extend(runs.then(|| Place::Kept(skill.clone())));
@@ -226,8 +265,12 @@ impl Watch {
                 events.push(format!("skill {skill} is gone: it has no manifest any more"));
                 continue;
             }
-            match self.load(&deployment, skill, lock.as_ref()).and_then(|loaded| self.ready(loaded)) {
+            let ready = |loaded| self.ready(loaded, &deployment.deadlines);
+            // What changes while it is loaded is found otherwise at the next look.
+            let contents = apart(|| seen.contents(skill)).unwrap_or_default();
+            match self.load(&deployment, skill, lock.as_ref()).and_then(ready) {
                 Ok(ready) => {
+                    loaded_from.insert(skill.clone(), contents);
                     events.push(format!("skill {skill} takes part from now on"));
                     places.push(Place::New(ready));
                 }
@@ -238,38 +281,41 @@ impl Watch {
                 Err(line) => events.push(line),
             }
         }
-        for skill in self.running.iter().filter(|skill| !deployment.skills.contains(skill)) {
+        for skill in self.running.keys().filter(|skill| !deployment.skills.contains(skill)) {
             events.push(format!("skill {skill} is gone: its deployment names it no more"));
         }
         self.judged.clone_from(&seen.skills);
+        self.locked = seen.lock;
+        let mut before = std::mem::take(&mut self.running);
         self.running = places
             .iter()
             .map(|place| match place {
-                Place::Kept(name) => name.clone(),
-                Place::New(skill) => skill.rule.name.clone(),
+                Place::Kept(name) => (name.clone(), before.remove(name).unwrap_or_default()),
+                Place::New(skill) => {
+                    (skill.rule.name.clone(), loaded_from.remove(&skill.rule.name).unwrap_or_default())
+                }
             })
             .collect();
-        Ok(Roster { places, events })
+        Ok(Roster { places, events, deadlines: Some(deployment.deadlines) })
     }
 
-    /// Loads a skill on a thread that gives way to the loop.
+    /// Loads a skill.
     fn load(&self, deployment: &Deployment, skill: &str, lock: Option<&Lock>) -> Result<Skill, String> {
         let (installation, robot) = (&self.followed.installation, &self.robot.description);
-        let load = || {
-            give_way();
+        apart(|| {
             let intake = intake(installation, lock);
             let loaded = load_deployed(installation, deployment, skill, robot, &intake);
             let loaded = loaded.map_err(|refusal| refusal.to_string())?;
             Skill::of(loaded, robot).map_err(|error| error.to_string())
-        };
-        let loaded = std::thread::scope(|scope| scope.spawn(load).join());
-        loaded.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        })
+        .unwrap_or_else(|| Err(format!("skill {skill}: loading it panicked")))
     }
 
-    /// The skill as the loop takes it. Its workers have the priority of this thread, which is the loop's.
-    fn ready(&self, skill: Skill) -> Result<Skill, String> {
+    /// The skill as the loop takes it. Its workers follow the priority of this thread, which is the loop's.
+    fn ready(&self, skill: Skill, deadlines: &Deadlines) -> Result<Skill, String> {
         match self.supervision {
             Some(supervision) if supervision.pace == Pace::Real => {
+                let supervision = Supervision { deadlines: *deadlines, ..supervision };
                 skill.watched(supervision.act(), supervision.predict()).map_err(|error| error.to_string())
             }
             _ => Ok(skill),

@@ -140,6 +140,8 @@ pub struct Runtime {
     mixing: bool,
     /// Who made the targets in `joints`; none before the first usable observation.
     drives: Option<Active>,
+    /// The stand drives because the skill that made `joints` is gone, and has measured nothing yet.
+    is_orphaned: bool,
     last_t_s: Option<f64>,
     frozen: Frozen,
     ticks: u64,
@@ -195,6 +197,7 @@ impl Runtime {
             targets: vec![None; skill_count],
             mixing: false,
             drives: None,
+            is_orphaned: false,
             last_t_s: None,
             frozen: Frozen::default(),
             ticks: 0,
@@ -233,6 +236,7 @@ impl Runtime {
         self.handover.end();
         self.targets.fill(None);
         self.drives = None;
+        self.is_orphaned = false;
         self.last_t_s = None;
         self.frozen.forget();
         self.ticks = 0;
@@ -274,19 +278,19 @@ impl Runtime {
 
     /// One tick, with the skills that a [`Follower`] has ready. An observation that cannot be used stands, as [`fault_tick`](Self::fault_tick).
     pub fn tick(&mut self, observation: &Observation) -> Tick<'_> {
+        let began = self.now();
         self.follow_up();
         if let Err(fault) = self.check(observation) {
             if observation.t_s.is_finite() {
                 // Only the tick in which time jumps back is at fault, not all that follow.
                 self.last_t_s = Some(observation.t_s);
             }
-            return self.fault_tick(&fault);
+            return self.stand_for(&fault, began);
         }
-        let began = self.now();
         self.last_t_s = Some(observation.t_s);
         let limit_s = self.config.frozen.measurement_s;
         if let Err(fault) = self.frozen.check(observation, self.is_driven_by_a_skill(), limit_s) {
-            return self.fault_tick(&fault);
+            return self.stand_for(&fault, began);
         }
         self.begin(observation.t_s, observation.command.velocity);
 
@@ -304,8 +308,12 @@ impl Runtime {
 
     /// A tick without a usable observation: the robot stands, at once.
     pub fn fault_tick(&mut self, fault: &ObservationFault) -> Tick<'_> {
-        self.follow_up();
         let began = self.now();
+        self.follow_up();
+        self.stand_for(fault, began)
+    }
+
+    fn stand_for(&mut self, fault: &ObservationFault, began: Option<Duration>) -> Tick<'_> {
         self.begin(self.last_t_s.unwrap_or(0.0), [0.0; 3]);
         self.decision.heightfield_hash.clear();
         self.decision.field = None;

@@ -3,9 +3,9 @@
 use super::{Follower, Runtime, Skill, required, unseen};
 use crate::decision::RosterSkill;
 use crate::decision_log::SetupSkill;
+use crate::manifest::Deadlines;
 use crate::moves::Moves;
 use crate::selector::Prediction;
-use crate::stand::Sensed;
 use crate::switch::Active;
 
 /// The skills of a deployment as they shall be from the next tick on.
@@ -14,6 +14,8 @@ pub struct Roster {
     pub places: Vec<Place>,
     /// What happened, for people; part of the next decision.
     pub events: Vec<String>,
+    /// Budgets of calls from then on; none leaves them as they are.
+    pub deadlines: Option<Deadlines>,
 }
 
 /// A skill in a changed deployment.
@@ -52,7 +54,7 @@ impl Runtime {
     /// A skill that goes on keeps its state, its place in the window and its faults. When the active one
     /// is gone or replaced, the robot stands, as at a stop.
     pub fn adopt(&mut self, roster: Roster) -> Vec<Skill> {
-        let Roster { places, mut events } = roster;
+        let Roster { places, mut events, deadlines } = roster;
         let is_here = |name: &str| self.skills.iter().any(|skill| skill.rule.name == name);
         let places: Vec<Place> = places
             .into_iter()
@@ -64,6 +66,7 @@ impl Runtime {
         });
         if names.eq(self.skills.iter().map(|skill| Some(&skill.rule.name))) {
             self.pending.events.append(&mut events);
+            self.share_time(deadlines);
             return Vec::new();
         }
         let after = places.iter().map(|place| match place {
@@ -75,7 +78,10 @@ impl Runtime {
         if let Active::Skill(active) = self.filter.active()
             && moves.to(active).is_none()
         {
-            events.push(format!("skill {} is gone while it drives: stop", self.skills[active].rule.name));
+            let name = self.skills[active].rule.name.as_str();
+            let is_replaced = places.iter().any(|place| matches!(place, Place::New(new) if new.rule.name == name));
+            let what = if is_replaced { "replaced" } else { "gone" };
+            events.push(format!("skill {name} is {what} while it drives: stop"));
         }
         let news: Vec<bool> = places.iter().map(|place| matches!(place, Place::New(_))).collect();
         let mut places: Vec<Option<Skill>> = places
@@ -104,10 +110,26 @@ impl Runtime {
         if let Some(Active::Skill(driver)) = self.drives {
             match moves.to(driver) {
                 Some(driver) => self.drives = Some(Active::Skill(driver)),
-                None => self.stand(Sensed::default()),
+                None => {
+                    // The stand begins with what the next tick measures.
+                    self.drives = Some(Active::Stand);
+                    self.is_orphaned = true;
+                }
             }
         }
+        self.share_time(deadlines);
         gone.into_iter().flatten().collect()
+    }
+
+    /// Other budgets from now on: those of all predictions together must fit into a tick however many there are.
+    fn share_time(&mut self, deadlines: Option<Deadlines>) {
+        let Some((supervision, deadlines)) = self.supervision.as_mut().zip(deadlines) else { return };
+        supervision.deadlines = deadlines;
+        let (act, predict) = (supervision.act(), supervision.predict());
+        for skill in &mut self.skills {
+            skill.controller.set_budget(act);
+            skill.predictors.set_budget(predict);
+        }
     }
 }
 
@@ -116,11 +138,11 @@ mod tests {
     use super::*;
     use crate::decision_log::Setup;
     use crate::replay::as_recorded;
-    use crate::runtime::fixture::{Loop, fake, skill};
+    use crate::runtime::fixture::{Fake, Loop, fake, skill};
     use crate::selector::Reason;
 
     fn roster(places: Vec<Place>) -> Roster {
-        Roster { places, events: vec!["changed".into()] }
+        Roster { places, events: vec!["changed".into()], deadlines: None }
     }
 
     fn kept(name: &str) -> Place {
@@ -157,6 +179,33 @@ mod tests {
         assert!(decision.events.contains(&"skill trot is gone while it drives: stop".to_owned()));
         assert!(it.runtime.filter.is_stopped());
         assert_eq!(it.until("walk"), 24, "the resume window");
+    }
+
+    #[test]
+    fn the_stand_after_a_skill_that_goes_is_the_one_after_a_skill_that_fails() {
+        let targets = |ends: fn(&Fake, &mut Loop)| {
+            let walk = fake(0.99, 0.3);
+            let mut it = Loop::new(vec![skill("walk", &walk)]);
+            it.until("walk");
+            it.observation.joint_position_rad.iter_mut().for_each(|angle| *angle += 0.2);
+            ends(&walk, &mut it);
+            assert_eq!(it.tick().active, "stand");
+            it.runtime.joints.clone()
+        };
+        let failed = targets(|walk, _| walk.with(|script| script.fails = true));
+        let gone = targets(|_, it| drop(it.runtime.adopt(roster(Vec::new()))));
+        let replaced = targets(|_, it| {
+            drop(it.runtime.adopt(roster(vec![Place::New(skill("walk", &fake(0.99, 0.3)))])));
+        });
+        assert_eq!((&failed, &failed), (&gone, &replaced), "it begins with what is measured");
+    }
+
+    #[test]
+    fn a_skill_that_is_replaced_while_it_drives_is_not_called_gone() {
+        let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.3))]);
+        it.until("walk");
+        it.runtime.adopt(roster(vec![Place::New(skill("walk", &fake(0.99, 0.3)))]));
+        assert_eq!(it.tick().events, ["changed", "skill walk is replaced while it drives: stop"]);
     }
 
     #[test]

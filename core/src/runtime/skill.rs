@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use vocaloco_plugin_api::{Command, JointTarget, Needs, RobotDescription, RobotState, SkillError};
 
+use super::background::follow_closely;
 use super::{RuntimeError, WatchedController, WatchedPredictors};
 use crate::heightfield::Field;
 use crate::manifest::SkillManifest;
@@ -47,6 +48,26 @@ pub trait Controller: Send {
         command: &Command,
         joints: &mut [JointTarget],
     ) -> Result<(), CallFault>;
+
+    /// The first tick: [`reset`](Self::reset), then [`act`](Self::act), within one budget.
+    ///
+    /// # Errors
+    /// As either, with its name.
+    fn begin(
+        &mut self,
+        state: &RobotState<'_>,
+        command: &Command,
+        joints: &mut [JointTarget],
+    ) -> Result<(), (&'static str, CallFault)> {
+        self.reset(state).map_err(|fault| ("reset", fault))?;
+        self.act(state, command, joints).map_err(|fault| ("act", fault))
+    }
+
+    /// Calls have another budget from now on, where they have any.
+    fn set_budget(&mut self, _: Duration) {}
+
+    /// Whatever computes beside the calling thread gives way to it by one real-time priority, and to no other.
+    fn keep_pace(&mut self) {}
 }
 
 impl Controller for PluginInstance {
@@ -62,12 +83,21 @@ impl Controller for PluginInstance {
     ) -> Result<(), CallFault> {
         Ok(Self::act(self, state, command, joints)?)
     }
+
+    fn keep_pace(&mut self) {
+        if let Some(process) = self.process() {
+            follow_closely(process);
+        }
+    }
 }
 
 /// What predicts a skill's viability and cost: its two networks, an oracle, or a test's stand-in.
 pub trait Predict: Send {
     /// The prediction for a field, NaN where there is none, and what failed.
     fn predict(&mut self, field: &Field) -> (Prediction, Option<CallFault>);
+
+    /// Predictions have another budget from now on, where they have any.
+    fn set_budget(&mut self, _: Duration) {}
 }
 
 /// The two networks of a skill.
@@ -124,11 +154,13 @@ impl Skill {
 
     /// The same with its calls on threads of their own and budgets for them.
     pub(super) fn watched(self, act: Duration, predict: Duration) -> Result<Self, RuntimeError> {
-        let name = &self.rule.name;
+        let Self { rule, needs, mut controller, predictors } = self;
+        controller.keep_pace();
+        let name = &rule.name;
         let no_thread = |error: std::io::Error| RuntimeError::Thread(name.clone(), error.to_string());
-        let controller = WatchedController::start(name, self.controller, act).map_err(no_thread)?;
-        let predictors = WatchedPredictors::start(name, self.predictors, predict).map_err(no_thread)?;
-        Ok(Self { controller: Box::new(controller), predictors: Box::new(predictors), ..self })
+        let controller = WatchedController::start(name, controller, act).map_err(no_thread)?;
+        let predictors = WatchedPredictors::start(name, predictors, predict).map_err(no_thread)?;
+        Ok(Self { controller: Box::new(controller), predictors: Box::new(predictors), needs, rule })
     }
 
     /// The selector's rule of a manifest.

@@ -66,10 +66,14 @@ pub struct SwitchesRow {
     pub crashed: f64,
     /// Peak joint acceleration in the stretch after a switch between skills, rad/s².
     pub acceleration_at_switches: Option<Peaks>,
+    /// The same in the stretch before that switch.
+    pub acceleration_before: Option<Peaks>,
     /// The same within skills.
     pub acceleration_within: Option<Peaks>,
     /// Peak joint torque in the stretch after a switch between skills, N·m.
     pub torque_at_switches: Option<Peaks>,
+    /// The same in the stretch before that switch.
+    pub torque_before: Option<Peaks>,
     /// The same within skills.
     pub torque_within: Option<Peaks>,
 }
@@ -77,8 +81,10 @@ pub struct SwitchesRow {
 /// Rolls a course out `n` times with runtimes that switch in one way, in parallel on the current rayon pool.
 ///
 /// Acceleration is the change of a joint's velocity over a physics step. A stretch is 0.2 s long; one
-/// is at a switch when it begins with the tick in which a skill takes over from another skill, and
-/// within a skill when it ends before the next switch and begins 0.6 s or more after the last.
+/// is at a switch when it begins with the tick in which a skill takes over from another skill, before it
+/// when it ends with that tick and one skill drives throughout, and within a skill when it ends before the
+/// next switch and begins 0.6 s or more after the last. Before and after are the same place of the course,
+/// which within is not.
 ///
 /// # Errors
 /// The first rollout that cannot be driven.
@@ -106,12 +112,11 @@ pub fn switches(
     let share = |outcome: Outcome| {
         runs.iter().filter(|(run, _)| run.outcome == outcome).count() as f64 / runs.len().max(1) as f64
     };
-    let (mut at, mut within) = (Vec::new(), Vec::new());
+    let mut all = Stretches::default();
     for (run, peaks) in &runs {
-        let [mut of_switches, mut of_skills] = stretches(run, peaks);
-        at.append(&mut of_switches);
-        within.append(&mut of_skills);
+        all.add(run, peaks);
     }
+    let Stretches { at, before, within } = all;
     let acceleration =
         |peaks: &[Peak]| summary(peaks.iter().map(|peak| peak.acceleration_rad_per_s2).collect());
     let torque = |peaks: &[Peak]| summary(peaks.iter().map(|peak| peak.torque_nm).collect());
@@ -124,8 +129,10 @@ pub fn switches(
         reached: share(Outcome::Reached),
         crashed: share(Outcome::Crashed),
         acceleration_at_switches: acceleration(&at),
+        acceleration_before: acceleration(&before),
         acceleration_within: acceleration(&within),
         torque_at_switches: torque(&at),
+        torque_before: torque(&before),
         torque_within: torque(&within),
     })
 }
@@ -157,27 +164,38 @@ impl Watch {
     }
 }
 
-/// The peak of every stretch after a switch between skills, and of every stretch within a skill.
-fn stretches(run: &CourseRun, peaks: &[Peak]) -> [Vec<Peak>; 2] {
-    let step = |t_s: f64| (t_s / TICK_S).round() as usize * DECIMATION;
-    let (length, settled) = (step(STRETCH_S), step(SETTLED_S));
-    let peak = |from: usize| {
-        let stretch = peaks.get(from..from + length)?;
-        Some(stretch.iter().fold(Peak::default(), |most, peak| most.max(*peak)))
-    };
-    let starts: Vec<usize> = run.switches.iter().map(|switch| step(switch.t_s)).collect();
-    let at = run.switches.iter().filter(|switch| switch.from != "stand" && switch.to != "stand");
-    let at = at.filter_map(|switch| peak(step(switch.t_s))).collect();
-    let mut within = Vec::new();
-    for (index, switch) in run.switches.iter().enumerate().filter(|(_, switch)| switch.to != "stand") {
-        let end = starts.get(index + 1).copied().unwrap_or(peaks.len());
-        let mut from = step(switch.t_s) + settled;
-        while from + length <= end {
-            within.extend(peak(from));
-            from += length;
+/// The peak of every stretch after a switch between skills, before one, and within a skill.
+#[derive(Debug, Default, PartialEq)]
+struct Stretches {
+    at: Vec<Peak>,
+    before: Vec<Peak>,
+    within: Vec<Peak>,
+}
+
+impl Stretches {
+    fn add(&mut self, run: &CourseRun, peaks: &[Peak]) {
+        let step = |t_s: f64| (t_s / TICK_S).round() as usize * DECIMATION;
+        let (length, settled) = (step(STRETCH_S), step(SETTLED_S));
+        let peak = |from: usize| {
+            let stretch = peaks.get(from..from + length)?;
+            Some(stretch.iter().fold(Peak::default(), |most, peak| most.max(*peak)))
+        };
+        let starts: Vec<usize> = run.switches.iter().map(|switch| step(switch.t_s)).collect();
+        for (index, switch) in run.switches.iter().enumerate() {
+            if switch.from != "stand" && switch.to != "stand" {
+                self.at.extend(peak(starts[index]));
+                let began = index.checked_sub(1).map_or(0, |last| starts[last]);
+                let before = starts[index].checked_sub(length).filter(|&from| from >= began);
+                self.before.extend(before.and_then(peak));
+            }
+            if switch.to != "stand" {
+                let end = starts.get(index + 1).copied().unwrap_or(peaks.len());
+                let from =
+                    (starts[index] + settled..).step_by(length).take_while(|from| from + length <= end);
+                self.within.extend(from.filter_map(peak));
+            }
         }
     }
-    [at, within]
 }
 
 fn summary(mut values: Vec<f32>) -> Option<Peaks> {
@@ -217,18 +235,30 @@ mod tests {
         peaks[445].torque_nm = 90.0; // 225 ms after it: neither at the switch nor settled.
         peaks[250].acceleration_rad_per_s2 = 50.0; // Within walk.
         peaks[720].torque_nm = 99.0; // While it stands.
-        let [at, within] = stretches(&run, &peaks);
+        peaks[370].acceleration_rad_per_s2 = 30.0; // 150 ms before the switch.
+        let Stretches { at, before, within } = stretches(&run, &peaks);
+        assert_eq!(before, [Peak { acceleration_rad_per_s2: 30.0, torque_nm: 2.0 }]);
         assert_eq!(at, [Peak { acceleration_rad_per_s2: 1.0, torque_nm: 70.0 }]);
         assert_eq!(within.len(), 6 + 5, "0.8 to 2.0 s and 2.6 to 3.6 s");
         let most = within.iter().fold(Peak::default(), |most, peak| most.max(*peak));
         assert_eq!(most, Peak { acceleration_rad_per_s2: 50.0, torque_nm: 2.0 });
     }
 
+    fn stretches(run: &CourseRun, peaks: &[Peak]) -> Stretches {
+        let mut all = Stretches::default();
+        all.add(run, peaks);
+        all
+    }
+
     #[test]
-    fn a_stretch_cut_short_by_the_end_is_left_out() {
-        let run = run(&[(0.0, "stand", "walk"), (0.9, "walk", "ascend")]);
-        let [at, within] = stretches(&run, &[Peak::default(); 200]);
-        assert_eq!((at.len(), within.len()), (0, 1));
+    fn a_stretch_cut_short_by_the_end_or_by_another_switch_is_left_out() {
+        let peaks = [Peak::default(); 200];
+        let lengths = |switches: &[(f64, &str, &str)]| {
+            let Stretches { at, before, within } = stretches(&run(switches), &peaks);
+            [at.len(), before.len(), within.len()]
+        };
+        assert_eq!(lengths(&[(0.0, "stand", "walk"), (0.9, "walk", "ascend")]), [0, 1, 1]);
+        assert_eq!(lengths(&[(0.4, "stand", "walk"), (0.5, "walk", "ascend")]), [1, 0, 0]);
     }
 
     #[test]

@@ -222,7 +222,7 @@ impl<'a> Soak<'a> {
             self.added += 1;
         }
         let found = self.watch.look().or_else(|| self.watch.look());
-        let Roster { places, events } = found.context("a changed installation: found no change of skills")?;
+        let Roster { places, events, deadlines } = found.context("a changed installation: found no change of skills")?;
         let mut wrap = |place| match place {
             Place::New(skill) => {
                 self.loads += 1;
@@ -232,7 +232,7 @@ impl<'a> Soak<'a> {
             kept @ Place::Kept(_) => kept,
         };
         let places = places.into_iter().map(&mut wrap).collect();
-        drop(self.runtime.adopt(Roster { places, events }));
+        drop(self.runtime.adopt(Roster { places, events, deadlines }));
         Ok(())
     }
 

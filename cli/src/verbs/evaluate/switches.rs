@@ -97,18 +97,20 @@ fn report(args: &Args, rows: &[SwitchesRow]) -> anyhow::Result<()> {
         return Ok(output::json(&Report { command, seed, version: env!("CARGO_PKG_VERSION"), rows })?);
     }
     output::line(
-        "window        n  reached   peak rad/s², p50 p95 max: at switches, within   peak N·m: at switches, within",
+        "window        n  reached   peak rad/s², p50 p95 max: at switches, before them, within   peak N·m: the same",
     )?;
     for row in rows {
         let way = if row.mixing { " mixed" } else { "" };
         output::line(&format!(
-            "{:<12} {:>3}  {:>6.3}   {}   {}   {}   {}",
+            "{:<12} {:>3}  {:>6.3}   {}   {}   {}   {}   {}   {}",
             format!("{:.2} s{way}", row.ramp_s),
             row.n,
             row.reached,
             peaks(row.acceleration_at_switches.as_ref()),
+            peaks(row.acceleration_before.as_ref()),
             peaks(row.acceleration_within.as_ref()),
             peaks(row.torque_at_switches.as_ref()),
+            peaks(row.torque_before.as_ref()),
             peaks(row.torque_within.as_ref()),
         ))?;
     }

@@ -3,16 +3,17 @@
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
-use std::os::unix::process::ExitStatusExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command as Process, ExitStatus, Stdio};
 use std::time::Duration;
 
+use rustix::process::{Pid, Signal, kill_process_group};
 use vocaloco_plugin_api::{
     Command, Description, ErrorCode, JointTarget, Needs, RobotDescription, RobotState, SkillError,
 };
 
-use super::frame::{Call, read_answer, write_call};
+use super::frame::{Call, NO_CALL, read_answer, write_call};
 use super::memory::SharedMemory;
 use super::message::{self, Create, Policy, Start, Started};
 use super::wire;
@@ -54,6 +55,7 @@ pub(crate) struct ChildInstance {
     wire: UnixStream,
     memory: SharedMemory,
     bytes: Vec<u8>,
+    calls: u64,
     /// How it ended, once it has.
     ended: Option<String>,
 }
@@ -134,8 +136,15 @@ impl ChildInstance {
             .stdin(Stdio::from(OwnedFd::from(theirs)))
             // What a plugin prints must not end up between the lines of a result.
             .stdout(Stdio::null())
+            // With a group of its own, what a plugin starts ends with it.
+            .process_group(0)
             .spawn()?;
-        Ok(Self { child, wire, memory, bytes: Vec::new(), ended: None })
+        Ok(Self { child, wire, memory, bytes: Vec::new(), calls: 0, ended: None })
+    }
+
+    /// Number of the process.
+    pub(crate) fn id(&self) -> u32 {
+        self.child.id()
     }
 
     /// See [`Skill::reset`](vocaloco_plugin_api::Skill::reset).
@@ -168,8 +177,14 @@ impl ChildInstance {
         if !self.memory.write(0, &self.bytes) {
             return Err(failed(format!("found a state of {} bytes, wanted fewer", self.bytes.len())));
         }
-        let answered = self.wire.write_all(&[1]).and_then(|()| self.wire.read_exact(&mut [0]));
-        if let Err(error) = answered {
+        self.calls += 1;
+        let (asked, mut answered) = (self.calls.to_le_bytes(), NO_CALL);
+        let exchanged =
+            self.wire.write_all(&asked).and_then(|()| self.wire.read_exact(&mut answered)).and_then(|()| {
+                let is_of_this = answered == asked;
+                is_of_this.then_some(()).ok_or_else(|| io::Error::other("an answer to another call"))
+            });
+        if let Err(error) = exchanged {
             return Err(failed(format!("found {}, wanted an answer", self.end(&error, HUNG))));
         }
         self.memory.read(1, &mut self.bytes);
@@ -184,16 +199,27 @@ impl ChildInstance {
         let is_late = matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut);
         let ended = if is_late {
             format!("no answer for {} s from its process, which was ended", patience.as_secs())
+        } else if error.kind() == ErrorKind::Other {
+            format!("{error} from its process, which was ended")
         } else {
             match self.status() {
                 Some(status) => format!("its process {}", how(status)),
                 None => format!("its process silent ({error})"),
             }
         };
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        self.kill();
         self.ended = Some(ended.clone());
         ended
+    }
+
+    /// Ends the child, and what it has started.
+    fn kill(&mut self) {
+        let group = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
+        let killed = group.map(|group| kill_process_group(group, Signal::KILL));
+        if !matches!(killed, Some(Ok(()))) {
+            let _ = self.child.kill();
+        }
+        let _ = self.child.wait();
     }
 
     /// How the child ended, which it does a moment after it hangs up.
@@ -233,8 +259,7 @@ fn nonsense(file: &Path, field: &str) -> Finding {
 impl Drop for ChildInstance {
     fn drop(&mut self) {
         if self.ended.is_none() {
-            let _ = self.child.kill();
-            let _ = self.child.wait();
+            self.kill();
         }
     }
 }

@@ -4,6 +4,12 @@ use vocaloco_plugin_api::{Command, CommandKind, ErrorCode, JointTarget, RobotSta
 
 use crate::plugin::StateBuffer;
 
+/// The number of a call, which its answer repeats: an answer to another call is none.
+pub(super) type CallNumber = [u8; 8];
+
+/// Before the first call.
+pub(super) const NO_CALL: CallNumber = [0; 8];
+
 /// What the child is asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Call {
@@ -95,7 +101,8 @@ pub(super) fn write_answer(bytes: &mut Vec<u8>, answer: &Result<(), SkillError>,
                 ErrorCode::Panic => 4,
                 ErrorCode::Internal => 5,
             });
-            bytes.extend_from_slice(error.message.as_bytes());
+            let message = error.message.as_bytes();
+            bytes.extend_from_slice(&message[..message.len().min(MAX_MESSAGE_BYTES)]);
         }
     }
 }
@@ -264,5 +271,9 @@ mod tests {
         write_answer(&mut bytes, &Err(SkillError::new(ErrorCode::Panic, "out of cheese")), &[]);
         let error = read_answer(&bytes, &mut joints).unwrap_err();
         assert_eq!((error.code, error.message.as_str()), (ErrorCode::Panic, "out of cheese"));
+        let long = SkillError::new(ErrorCode::Panic, "left != right ".repeat(1 << 18));
+        write_answer(&mut bytes, &Err(long), &[]);
+        let error = read_answer(&bytes, &mut joints).unwrap_err();
+        assert_eq!((error.code, error.message.len()), (ErrorCode::Panic, MAX_MESSAGE_BYTES));
     }
 }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use vocaloco_plugin_api::SkillError;
 
-use super::frame::{Call, CallBuffer, read_call, write_answer};
+use super::frame::{Call, CallBuffer, NO_CALL, read_call, write_answer};
 use super::limits::{self, GROWTH_BYTES, LOADING_BYTES};
 use super::memory::SharedMemory;
 use super::message::{Create, Description, Needs, Refused, Start, Started};
@@ -23,6 +23,8 @@ use crate::policy::PolicyNetwork;
 /// The socket or the memory is not what a host gives its child. A host that goes away is none.
 pub fn serve(memory: &Path) -> io::Result<()> {
     let mut wire = UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?);
+    // Programs that a plugin starts must not hold the socket open when this process is gone.
+    rustix::io::fcntl_setfd(io::stdin(), rustix::io::FdFlags::CLOEXEC)?;
     let mut memory = SharedMemory::open(memory)?;
     limits::leave_no_core()?;
     limits::allow_growth(LOADING_BYTES)?;
@@ -35,14 +37,16 @@ pub fn serve(memory: &Path) -> io::Result<()> {
     limits::allow_growth(GROWTH_BYTES)?;
     wire::send(&mut wire, &started)?;
     let Some(mut instance) = instance else { return Ok(()) };
-    let (mut call, mut bytes) = (CallBuffer::default(), Vec::new());
-    while wire.read(&mut [0])? == 1 {
+    let (mut call, mut bytes, mut number) = (CallBuffer::default(), Vec::new(), NO_CALL);
+    while wire.read_exact(&mut number).is_ok() {
         memory.read(0, &mut bytes);
         read_call(&bytes, &mut call).ok_or_else(|| io::Error::other("a call that is none"))?;
         let answer = run(&mut instance, &mut call);
         write_answer(&mut bytes, &answer, &call.joints);
-        memory.write(1, &bytes);
-        wire.write_all(&[1])?;
+        if !memory.write(1, &bytes) {
+            return Err(io::Error::other(format!("an answer of {} bytes", bytes.len())));
+        }
+        wire.write_all(&number)?;
     }
     Ok(())
 }

@@ -7,6 +7,8 @@ use std::os::fd::AsRawFd;
 use std::path::{Path, PathBuf};
 use std::ptr::{self, NonNull};
 
+use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
+
 /// Room for a call, and as much again for its answer: the largest terrain patch is 1.4 MB.
 pub(super) const HALF_BYTES: usize = 2 << 20;
 
@@ -24,9 +26,11 @@ unsafe impl Send for SharedMemory {}
 impl SharedMemory {
     /// New memory, zero throughout.
     pub(super) fn new() -> io::Result<Self> {
-        let descriptor = rustix::fs::memfd_create("vocaloco-call", rustix::fs::MemfdFlags::CLOEXEC)?;
-        let file = File::from(descriptor);
+        let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
+        let file = File::from(memfd_create("vocaloco-call", flags)?);
         file.set_len(2 * HALF_BYTES as u64)?;
+        // Memory that the other side cuts short would end this process at the next read.
+        fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL)?;
         Self::map(file)
     }
 
@@ -108,6 +112,14 @@ mod tests {
         assert_eq!(bytes, b"call");
         ours.read(1, &mut bytes);
         assert_eq!(bytes, b"an answer");
+    }
+
+    #[test]
+    fn the_other_side_cannot_cut_it_short() {
+        let ours = SharedMemory::new().unwrap();
+        let theirs = SharedMemory::open(&ours.path()).unwrap();
+        assert!(theirs.file.set_len(0).is_err());
+        ours.read(1, &mut Vec::new());
     }
 
     #[test]

@@ -3,6 +3,7 @@ use crate::decision::{Decision, Forced};
 use crate::manifest::Deadlines;
 use crate::replay::as_recorded;
 use crate::runtime::fixture::{Fake, Gate, Loop, fake, skill};
+use crate::runtime::{Place, Roster};
 use crate::selector::Reason;
 
 /// Long enough for a thread to answer on a busy machine.
@@ -33,7 +34,7 @@ fn a_call_that_hangs_stands_within_the_tick_and_is_out_after_three() {
     walk.with(|script| script.act_hangs = Some(gate.clone()));
     let began = clock();
     // Having stood, the skill is reset before it acts: that is what the second call waits to do.
-    for call in ["act", "reset"] {
+    for call in ["act", "reset and act"] {
         let decision = it.tick();
         let late = format!("skill walk is late: {call}: found no answer, wanted one within 500.0 ms");
         assert_eq!(faults(&decision), ("stand", Some(Forced::Overrun), late.as_str()));
@@ -42,12 +43,47 @@ fn a_call_that_hangs_stands_within_the_tick_and_is_out_after_three() {
     }
     let third = it.tick();
     assert_eq!((third.active.as_str(), third.forced), ("stand", Some(Forced::Fault)));
-    assert!(third.events[0].starts_with("skill walk is taken out of service: reset: found no answer"));
+    assert!(third.events[0].starts_with("skill walk is taken out of service: reset and act: found no answer"));
     assert_eq!(third.skills[0].reason, Reason::TooSlow);
     // The budget was waited for once: a call that hangs is not waited for again.
     let waited = clock().saturating_sub(began);
     assert!(waited < Duration::from_millis(1400), "{waited:?}");
     assert_eq!(it.until("ascend"), 25, "the others go on");
+    gate.open();
+}
+
+#[test]
+fn the_reset_and_the_first_call_share_one_budget() {
+    let (walk, trot) = (fake(0.99, 0.9), fake(0.2, 0.2));
+    let mut it = Loop::new(vec![skill("walk", &walk), skill("trot", &trot)]);
+    let deadlines = Deadlines { act_s: 0.3, predict_s: 0.5 };
+    it.runtime = it.runtime.supervised(Supervision { clock, deadlines, pace: Pace::Real }).unwrap();
+    it.until("walk");
+    let slow = || std::thread::sleep(Duration::from_millis(200));
+    trot.with(|script| {
+        script.prediction = Some((0.99, 0.2));
+        script.reset = Some(slow);
+        script.act = Some(|_| std::thread::sleep(Duration::from_millis(200)));
+    });
+    let decision = it.ticks(10);
+    let late = "skill trot is late: reset and act: found no answer, wanted one within 300.0 ms";
+    assert_eq!(faults(&decision), ("stand", Some(Forced::Overrun), late), "each alone is in time");
+}
+
+#[test]
+fn skills_that_come_share_the_time_of_a_tick_with_those_that_are_there() {
+    let (walk, gate) = (fake(0.99, 0.2), Gate::default());
+    let mut it = walking(&walk, &fake(0.99, 0.9), Pace::Real);
+    let kept = |name: &str| Place::Kept(name.to_owned());
+    for places in [vec![kept("walk"), kept("ascend")], vec![kept("ascend"), kept("walk")]] {
+        let predict_s = 0.1 + 0.1 * it.runtime.decision.tick as f64;
+        let deadlines = Some(Deadlines { act_s: 0.5, predict_s });
+        it.runtime.adopt(Roster { places, events: Vec::new(), deadlines });
+        walk.with(|script| script.predict_hangs = Some(gate.clone()));
+        let late = format!("wanted one within {:.1} ms", 1e3 * predict_s);
+        let decision = it.tick();
+        assert!(decision.events[0].ends_with(&late), "{late}: {:?}", decision.events);
+    }
     gate.open();
 }
 

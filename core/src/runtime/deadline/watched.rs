@@ -18,11 +18,12 @@ pub(crate) struct WatchedController {
 
 /// A call of a controller, and its answer.
 struct Call {
-    is_reset: bool,
+    resets: bool,
+    acts: bool,
     state: StateBuffer,
     command: Command,
     joints: Vec<JointTarget>,
-    answer: Result<(), CallFault>,
+    answer: Result<(), (&'static str, CallFault)>,
 }
 
 impl WatchedController {
@@ -32,7 +33,8 @@ impl WatchedController {
         budget: Duration,
     ) -> std::io::Result<Self> {
         let call = Call {
-            is_reset: false,
+            resets: false,
+            acts: false,
             state: StateBuffer::default(),
             command: Command::velocity(0.0, 0.0, 0.0),
             joints: Vec::new(),
@@ -40,26 +42,57 @@ impl WatchedController {
         };
         let run = move |call: &mut Call| {
             let state = call.state.state();
-            call.answer = if call.is_reset {
-                controller.reset(&state)
-            } else {
-                controller.act(&state, &call.command, &mut call.joints)
+            call.answer = match (call.resets, call.acts) {
+                (true, true) => controller.begin(&state, &call.command, &mut call.joints),
+                (true, false) => controller.reset(&state).map_err(|fault| ("reset", fault)),
+                _ => controller.act(&state, &call.command, &mut call.joints).map_err(|fault| ("act", fault)),
             };
         };
         let panicked = |call: &mut Call, words: &str| {
-            call.answer = Err(CallFault::Failed(format!("panicked: {words}")));
+            call.answer = Err(("act", CallFault::Failed(format!("panicked: {words}"))));
         };
         Ok(Self { worker: Worker::start(format!("act {skill}"), call, run, panicked)?, budget })
+    }
+
+    /// What a call answers within the budget; `resets` first, and acts where there are targets to fill.
+    fn ask(
+        &mut self,
+        resets: bool,
+        state: &RobotState<'_>,
+        command: &Command,
+        joints: Option<&mut [JointTarget]>,
+    ) -> Result<(), (&'static str, CallFault)> {
+        let (acts, budget) = (joints.is_some(), self.budget);
+        let joints = joints.unwrap_or_default();
+        let count = joints.len();
+        let fill = |call: &mut Call| {
+            (call.resets, call.acts) = (resets, acts);
+            call.state.copy_from(state);
+            call.command = *command;
+            // What the controller leaves out is no number, as without a thread.
+            call.joints.clear();
+            let none = JointTarget { position_rad: f32::NAN, ..JointTarget::default() };
+            call.joints.resize(count, none);
+        };
+        let answered = self.worker.ask(budget, fill, |call| {
+            joints.copy_from_slice(&call.joints);
+            call.answer.clone()
+        });
+        answered.unwrap_or_else(|TooLate| {
+            let call = match (resets, acts) {
+                (true, true) => "reset and act",
+                (true, false) => "reset",
+                _ => "act",
+            };
+            Err((call, CallFault::Overrun(budget)))
+        })
     }
 }
 
 impl Controller for WatchedController {
     fn reset(&mut self, state: &RobotState<'_>) -> Result<(), CallFault> {
-        let fill = |call: &mut Call| {
-            call.is_reset = true;
-            call.state.copy_from(state);
-        };
-        self.worker.ask(self.budget, fill, |call| call.answer.clone()).unwrap_or_else(late(self.budget))
+        let standing = Command::velocity(0.0, 0.0, 0.0);
+        self.ask(true, state, &standing, None).map_err(|(_, fault)| fault)
     }
 
     fn act(
@@ -68,25 +101,21 @@ impl Controller for WatchedController {
         command: &Command,
         joints: &mut [JointTarget],
     ) -> Result<(), CallFault> {
-        let count = joints.len();
-        let fill = |call: &mut Call| {
-            call.is_reset = false;
-            call.state.copy_from(state);
-            call.command = *command;
-            // What the controller leaves out is no number, as without a thread.
-            call.joints.clear();
-            call.joints.resize(count, JointTarget { position_rad: f32::NAN, ..JointTarget::default() });
-        };
-        let answered = self.worker.ask(self.budget, fill, |call| {
-            joints.copy_from_slice(&call.joints);
-            call.answer.clone()
-        });
-        answered.unwrap_or_else(late(self.budget))
+        self.ask(false, state, command, Some(joints)).map_err(|(_, fault)| fault)
     }
-}
 
-fn late<T>(budget: Duration) -> impl FnOnce(TooLate) -> Result<T, CallFault> {
-    move |TooLate| Err(CallFault::Overrun(budget))
+    fn begin(
+        &mut self,
+        state: &RobotState<'_>,
+        command: &Command,
+        joints: &mut [JointTarget],
+    ) -> Result<(), (&'static str, CallFault)> {
+        self.ask(true, state, command, Some(joints))
+    }
+
+    fn set_budget(&mut self, budget: Duration) {
+        self.budget = budget;
+    }
 }
 
 /// Predictors on a thread of their own.
@@ -126,5 +155,9 @@ impl Predict for WatchedPredictors {
         let fill = |question: &mut Question| question.field = Some(field.clone());
         let answered = self.worker.ask(self.budget, fill, |question| question.answer.clone());
         answered.unwrap_or((Prediction::NONE, Some(CallFault::Overrun(self.budget))))
+    }
+
+    fn set_budget(&mut self, budget: Duration) {
+        self.budget = budget;
     }
 }

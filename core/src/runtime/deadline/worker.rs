@@ -4,6 +4,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use crate::runtime::background::follow_closely;
+
 /// Whose turn it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Turn {
@@ -60,6 +62,7 @@ impl<J: Send + 'static> Worker<J> {
         let shared = Arc::new(Shared { slot: Mutex::new(slot), changed: Condvar::new() });
         let theirs = Arc::clone(&shared);
         std::thread::Builder::new().name(name).spawn(move || {
+            follow_closely(0);
             while let Some(mut job) = next(&theirs) {
                 if let Err(panic) = catch_unwind(AssertUnwindSafe(|| run(&mut job))) {
                     panicked(&mut job, words(&*panic));

@@ -16,6 +16,8 @@ enum Fault {
     None,
     Panic,
     PanicInReset,
+    LongError,
+    SecondAnswer,
     Error,
     Nan,
     InfiniteGain,
@@ -128,6 +130,8 @@ impl Skill for Faulty {
             Some("panic") => Fault::Panic,
             Some("panic_in_reset") => Fault::PanicInReset,
             Some("panic_in_create") => panic!("asked for a panic in create"),
+            Some("long_error") => Fault::LongError,
+            Some("second_answer") => Fault::SecondAnswer,
             Some("error") => Fault::Error,
             Some("nan") => Fault::Nan,
             Some("infinite_gain") => Fault::InfiniteGain,
@@ -210,6 +214,11 @@ impl Skill for Faulty {
                 | Fault::Wild(_)
                 | Fault::Fragile(_) => {}
                 Fault::Panic => panic!("asked for a panic in act"),
+                // More than the memory between host and child holds.
+                Fault::LongError => {
+                    return Err(SkillError::new(ErrorCode::Internal, "words ".repeat(1 << 19)));
+                }
+                Fault::SecondAnswer => answer_the_host(),
                 Fault::Error => return Err(SkillError::new(ErrorCode::Internal, "asked for an error")),
                 Fault::Nan => joint.position_rad = f32::NAN,
                 Fault::InfiniteGain => joint.damping_nms_per_rad = f32::INFINITY,
@@ -236,6 +245,16 @@ impl Skill for Faulty {
 
 /// Calls of all instances that drift: what no reset forgets.
 static CALLS: AtomicU32 = AtomicU32::new(0);
+
+/// Writes to what an isolated plugin has as its standard input: the host's socket.
+#[allow(unsafe_code, reason = "standard input is no file to write to otherwise")]
+fn answer_the_host() {
+    use std::io::Write;
+    use std::os::fd::FromRawFd;
+    // SAFETY: descriptor 0 is open in a child, and is not closed here.
+    let mut host = std::mem::ManuallyDrop::new(unsafe { std::fs::File::from_raw_fd(0) });
+    drop(host.write_all(&1_u64.to_le_bytes()));
+}
 
 #[allow(unsafe_code, reason = "a fault that only a process of its own survives")]
 fn write_nowhere() {
