@@ -1,11 +1,12 @@
 //! `vocaloco run --source stdio`, as a bridge sees it: greeting, lock-step, exit codes, and a log that
 //! explains and replays itself.
 
-use std::io::Write;
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 use serde_json::{Value, json};
+use vocaloco_core::decision_log::DecisionLog;
 use vocaloco_tests::{Fixture, plugin_folder, shipped, standing_line};
 
 fn vocaloco(root: &Path, arguments: &[&str], input: &str) -> Output {
@@ -144,6 +145,39 @@ fn a_log_explains_and_replays_itself() {
     let replayed: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
     assert_eq!(output.status.code(), Some(1), "another model is a finding: {replayed}");
     assert!(replayed["differing_ticks"].as_u64().is_some_and(|ticks| ticks > 100), "{replayed}");
+}
+
+#[test]
+fn a_signal_to_end_is_a_clean_stop() {
+    let fixture = fixture();
+    let log = fixture.root().join("decisions.mcap");
+    for signal in ["INT", "TERM"] {
+        let mut child = Command::new(plugin_folder().join("vocaloco"))
+            .args(RUN)
+            .arg("--log")
+            .arg(&log)
+            .env("VOCALOCO_ROOT", fixture.root())
+            .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let stdin = child.stdin.as_mut().expect("a pipe");
+        stdin.write_all(session(0..15).as_bytes()).expect("the input is taken");
+        let mut answers = BufReader::new(child.stdout.as_mut().expect("a pipe")).lines();
+        assert_eq!(answers.by_ref().take(16).count(), 16, "the greeting and 15 lines");
+        // It waits for the next line now, and its input stays open.
+        let killed = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
+        assert!(killed.expect("kill runs").success());
+        let output = child.wait_with_output().expect("it ends");
+        let narration = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{signal}: {narration}");
+        assert!(narration.contains("15 lines answered, 0 of them with an error"), "{narration}");
+        assert!(narration.contains("p99"), "how long ticks took: {narration}");
+        let written = DecisionLog::read(&log).expect("a log");
+        assert_eq!((written.decisions.len(), written.truncated), (15, None), "{signal}");
+    }
 }
 
 #[test]

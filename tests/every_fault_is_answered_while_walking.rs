@@ -55,10 +55,15 @@ fn a_plugin_that_hangs_or_is_slow_in_real_time() {
     for fault in ["hang", "slow"] {
         let mut walking = Walking::at_speed(fault, Isolation::None, Some(act_s));
         let decision = walking.until_bad_is_called();
-        let late = "skill bad is late: act: found no answer, wanted one within 700.0 ms";
+        let late = "skill bad is late: reset and act: found no answer, wanted one within 700.0 ms";
         assert_stands(&walking, &decision, Forced::Overrun, late);
         let second = walking.tick();
-        assert_stands(&walking, &second, Forced::Overrun, "skill bad is late: reset and act: found no answer");
+        assert_stands(
+            &walking,
+            &second,
+            Forced::Overrun,
+            "skill bad is late: reset and act: found no answer",
+        );
         let third = walking.tick();
         let out = "skill bad is taken out of service: reset and act: found no answer";
         assert_stands(&walking, &third, Forced::Fault, out);
@@ -96,7 +101,7 @@ fn an_isolated_plugin_that_ends_its_process_grows_or_never_returns() {
 fn an_isolated_plugin_that_hangs_in_real_time() {
     let mut walking = Walking::at_speed("spin", Isolation::Process, Some(0.7));
     let decision = walking.until_bad_is_called();
-    assert_stands(&walking, &decision, Forced::Overrun, "skill bad is late: act: found no answer");
+    assert_stands(&walking, &decision, Forced::Overrun, "skill bad is late: reset and act: found no answer");
     walking.tick();
     assert_eq!(walking.tick().skills[1].reason, Reason::TooSlow);
     assert_walks_on(&mut walking, "spin");

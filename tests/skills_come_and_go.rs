@@ -180,3 +180,67 @@ fn under_a_lock_a_skill_comes_with_a_new_lock_of_a_trusted_key_alone() {
     session.until("trot drives", active("trot"));
     session.end();
 }
+
+#[test]
+fn a_deployment_that_demands_a_signature_goes_on_demanding_it() {
+    let fixture = fixture();
+    let installation = fixture.installation();
+    let key = SecretKey::generate().expect("randomness");
+    let manifest = "manifests/deployments/stairs.toml";
+    let demands = format!("schema = 1\ntrusted_keys = [\"{}\"]\n", key.public());
+    fixture.alter(manifest, "schema = 1\n", &demands);
+    lock_deployment(&installation, "stairs").expect("sound").write(Some(&key)).expect("a lock");
+    let mut session = Session::start(&fixture, &["--locked"]);
+    session.until("walk drives", active("walk"));
+    fixture.add_skill("trot", "none", 0.99, 0.2);
+    fixture.add_deployment("stairs", &["walk", "trot"]);
+    lock_deployment(&installation, "stairs").expect("sound").write(None).expect("a lock");
+    let answer = session.until("it is refused", |answer| answer["events"] != json!([]));
+    assert!(answer["events"][0].as_str().is_some_and(|event| event.contains("signature")), "{answer}");
+    for _ in 0..40 {
+        let answer = session.tick();
+        assert!(answer["active"] == "walk" && !knows(&answer, "trot"), "{answer}");
+    }
+    session.end();
+}
+
+/// The plugin's library with one bit changed, where that ends the process that loads it.
+#[cfg(target_os = "linux")]
+fn deadly() -> Vec<u8> {
+    use vocaloco_core::plugin::PluginLibrary;
+    let folder = tempfile::tempdir().expect("a folder");
+    let bytes = std::fs::read(plugin_folder().join("libgait.so")).expect("a library");
+    let file = folder.path().join("libgait.so");
+    let path = [folder.path().to_owned(), plugin_folder().to_owned()];
+    // Beginning with the second program header, whose first fields the loader believes.
+    for (byte, bit) in (120..900).step_by(3).map(|byte| (byte, byte % 8)) {
+        let mut spoiled = bytes.clone();
+        spoiled[byte] ^= 1 << bit;
+        std::fs::write(&file, &spoiled).expect("a written file");
+        let tried = PluginLibrary::open_isolated(&path, "gait", &|_, _| Ok(()));
+        if tried.is_err_and(|error| error.to_string().contains("ended by signal")) {
+            return spoiled;
+        }
+    }
+    panic!("no changed bit ends a process");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_library_that_ends_the_process_that_loads_it_does_not_end_the_loop() {
+    let fixture = fixture();
+    let mut session = Session::start(&fixture, &[]);
+    session.until("walk drives", active("walk"));
+    fixture.add_skill("trot", "none", 0.99, 0.2);
+    fixture.alter("manifests/skills/trot.toml", "plugin = \"faulty\"", "plugin = \"gait\"");
+    fixture.write("skills/trot/libgait.so", &deadly());
+    fixture.add_deployment("stairs", &["walk", "trot"]);
+    let answer = session.until("it is refused", |answer| answer["events"] != json!([]));
+    let event = answer["events"][0].as_str().expect("a line");
+    assert!(event.contains("trot") && event.contains("ended by signal"), "{event}");
+    for _ in 0..40 {
+        let answer = session.tick();
+        assert!(answer["active"] == "walk" && !knows(&answer, "trot"), "{answer}");
+    }
+    session.end();
+}

@@ -59,6 +59,9 @@ This build has no simulator: demo, collect, data, evaluate and look need the fea
 Exit codes: 0 fine, 1 a finding, 2 could not run.";
 
 fn main() -> ExitCode {
+    // The very program that runs, whatever its file is called and even when that was replaced meanwhile.
+    #[cfg(target_os = "linux")]
+    vocaloco_core::plugin::isolate_with("/proc/self/exe".into());
     match dispatch(Cli::parse()) {
         Ok(exit) => exit.into(),
         Err(error) if output::reader_is_gone(&error) => Exit::Fine.into(),

@@ -83,10 +83,12 @@ pub struct Required {
 
 /// How far beyond its range a joint may be measured, rad: more is of another unit or another zero.
 const BEYOND_RANGE_RAD: f64 = 1.0;
+/// How often its limit a joint's velocity may be measured as: more is of another unit.
+const BEYOND_LIMIT: f64 = 10.0;
 
 impl Observation {
     /// Checks that every array has its length, every value is a finite number, and none is of another unit: a joint
-    /// within a radian of its range, gravity and orientation of about unit length.
+    /// within a radian of its range and ten times its speed limit, gravity and orientation of about unit length.
     ///
     /// The terrain is not looked at: without it the robot stops, which is no fault of this kind.
     ///
@@ -118,6 +120,17 @@ impl Observation {
             }
         }
         joints("joint_velocity_rad_per_s", &self.joint_velocity_rad_per_s)?;
+        for (&velocity, joint) in self.joint_velocity_rad_per_s.iter().zip(&robot.joints) {
+            let most = BEYOND_LIMIT * joint.velocity_limit_rad_per_s;
+            if !(-most..=most).contains(&f64::from(velocity)) {
+                let field = format!("joint_velocity_rad_per_s.{}", joint.name);
+                return Err(ObservationFault::new(
+                    field,
+                    velocity,
+                    format!("{:.0} to {most:.0} rad/s", -most),
+                ));
+            }
+        }
         match &self.joint_torque_nm {
             Some(torques) => joints("joint_torque_nm", torques)?,
             None if required.joint_torques => return Err(missing("joint_torque_nm")),

@@ -33,19 +33,14 @@ pub(crate) struct Args {
 enum Experiment {
     /// One skill by the collection protocol, one rollout per fresh pose
     Viability(viability::Args),
-    /// The fast plant's labels against the reference's, from the same rows
     Agreement(agreement::Args),
     /// Predicted against collected viability and cost of transport, by size
     Calibration(calibration::Args),
     /// Terrain that the predictors never saw: what the check finds of it, and of known terrain
     Novelty(learning::Args),
-    /// Courses by step height, with several selectors side by side
     Success(success::Args),
-    /// Courses driven once, every tick kept: predictions, choice and active skill over time
     Course(course::Args),
-    /// Viability thresholds of a deployment under which it crashes on at most a share of courses
     Promise(promise::Args),
-    /// The paper's experiments: tables, figures and a page that holds our results beside its claims
     All(paper::Args),
     /// How hard the joints are shaken while one skill takes over from another
     Switches(switches::Args),

@@ -1,5 +1,5 @@
-//! The verbs, one file each: its `Args` and its `run`. To add one: a file here, a line in [`Verb`]
-//! with its summary, a line in [`Verb::run`].
+//! The verbs, one file each: its `Args` and its `run`. To add one: a file here with its summary, a line in
+//! [`Verb`], a line in [`Verb::run`].
 
 #![allow(clippy::needless_pass_by_value, reason = "every verb has the one signature")]
 
@@ -40,9 +40,9 @@ pub(crate) struct Shared {
     pub(crate) seed: u64,
 }
 
+/// Where a verb's `Args` say more than a line, they say it all: a line here would hide them from `--help`.
 #[derive(Subcommand)]
 pub(crate) enum Verb {
-    /// Drive the stairs courses in the simulator and write a page with moving pictures
     #[cfg(feature = "sim")]
     Demo(demo::Args),
     /// The registry: list, check, start new skills, pack, install and remove them
@@ -60,16 +60,12 @@ pub(crate) enum Verb {
     /// Measure a skill or the selector by the protocol
     #[cfg(feature = "sim")]
     Evaluate(evaluate::Args),
-    /// Measure speed: of a tick, of rollouts, of training; soak the loop in faults
     Bench(bench::Args),
     /// Roll a skill out once and draw its gait
     #[cfg(feature = "sim")]
     Look(look::Args),
-    /// Run the 50 Hz loop of a deployment
     Run(run::Args),
-    /// Write a deployment's lock, for `run --locked`
     Lock(lock::Args),
-    /// Say why each skill was chosen or refused, from a decisions log
     Explain(explain::Args),
     /// Run one plugin for another process of this program
     #[command(hide = true)]

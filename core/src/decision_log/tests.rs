@@ -73,7 +73,11 @@ fn a_log_of_skills_that_come_and_go_comes_back_and_one_that_hides_it_is_refused(
             "trot" => Place::New(skill("trot", &fake(0.99, 0.2))),
             name => Place::Kept(name.to_owned()),
         };
-        it.runtime.adopt(Roster { places: names.iter().map(place).collect(), events: Vec::new(), deadlines: None });
+        it.runtime.adopt(Roster {
+            places: names.iter().map(place).collect(),
+            events: Vec::new(),
+            deadlines: None,
+        });
         decisions.extend((0..20).map(|_| it.tick()));
     }
     let log = DecisionLog::read(&written(folder.path(), &setup, &decisions)).unwrap();

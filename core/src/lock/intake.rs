@@ -12,6 +12,7 @@ use crate::manifest::Finding;
 pub(crate) struct Intake<'a> {
     root: &'a Path,
     mode: Mode<'a>,
+    is_careful: bool,
 }
 
 enum Mode<'a> {
@@ -32,15 +33,25 @@ pub(crate) struct Record {
 
 impl<'a> Intake<'a> {
     pub(crate) const fn open(root: &'a Path) -> Self {
-        Self { root, mode: Mode::Open }
+        Self { root, mode: Mode::Open, is_careful: false }
+    }
+
+    /// While a loop runs: a library is first loaded where a crash ends nothing else.
+    pub(crate) fn carefully(self) -> Self {
+        Self { is_careful: true, ..self }
+    }
+
+    /// Whether libraries are to be loaded in a process of their own first.
+    pub(crate) const fn is_careful(&self) -> bool {
+        self.is_careful
     }
 
     pub(crate) fn recording(root: &'a Path) -> Self {
-        Self { root, mode: Mode::Recording(RefCell::default()) }
+        Self { root, mode: Mode::Recording(RefCell::default()), is_careful: false }
     }
 
     pub(crate) const fn locked(root: &'a Path, lock: &'a Lock) -> Self {
-        Self { root, mode: Mode::Locked(lock) }
+        Self { root, mode: Mode::Locked(lock), is_careful: false }
     }
 
     /// What was read while recording.

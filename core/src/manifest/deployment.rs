@@ -126,6 +126,9 @@ struct RawMeasurement {
     frozen_s: Option<f64>,
 }
 
+/// Most skills of a deployment.
+const MAX_SKILLS: usize = 256;
+
 fn fifty() -> f64 {
     50.0
 }
@@ -161,6 +164,10 @@ impl Deployment {
         }
         if raw.skills.is_empty() {
             return Err(source.finding("skills", "none", "at least one skill"));
+        }
+        if raw.skills.len() > MAX_SKILLS {
+            let wanted = format!("at most {MAX_SKILLS} skills");
+            return Err(source.finding("skills", format!("{} skills", raw.skills.len()), &wanted));
         }
         for (index, skill) in raw.skills.iter().enumerate() {
             if !is_snake_case(skill) || raw.skills[..index].contains(skill) {
@@ -202,7 +209,13 @@ impl Deployment {
             file: path.to_owned(),
             name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
             rate_hz,
-            deadlines: Deadlines::checked(source, &raw.deadlines, rate_hz, raw.skills.len(), raw.switching.mixing)?,
+            deadlines: Deadlines::checked(
+                source,
+                &raw.deadlines,
+                rate_hz,
+                raw.skills.len(),
+                raw.switching.mixing,
+            )?,
             switch_window: window("switch_window", raw.switch_window)?,
             stop_window: window("stop_window", raw.stop_window.unwrap_or(raw.switch_window))?,
             resume_window: window("resume_window", raw.resume_window)?,

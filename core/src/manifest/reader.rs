@@ -25,6 +25,10 @@ pub fn read_bounded(path: &Path, max_bytes: u64, file: &Path, field: &str) -> Re
 /// The bytes of a file of at most `max_bytes`, read once, or why not.
 pub(crate) fn bytes_of(path: &Path, max_bytes: u64) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
+    // To open a pipe would wait for whoever writes to it.
+    if std::fs::metadata(path).is_ok_and(|about| !about.is_file()) {
+        return Err("no file".to_owned());
+    }
     std::fs::File::open(path)
         .and_then(|opened| opened.take(max_bytes.saturating_add(1)).read_to_end(&mut bytes))
         .map_err(|error| error.to_string())?;

@@ -124,6 +124,25 @@ fn an_oversized_manifest_is_refused_unread() {
 }
 
 #[test]
+fn a_deployment_of_more_skills_than_any_robot_has_is_refused_at_once() {
+    let names: Vec<String> = (0..100_000).map(|skill| format!("\"s{skill}\"")).collect();
+    let text = format!("schema = 1\nrobot = \"anymal_d\"\nskills = [{}]\n", names.join(","));
+    let finding = Deployment::parse(Path::new("many.toml"), text).expect_err("refused");
+    assert_eq!((finding.field.as_str(), finding.found.as_str()), ("skills", "100000 skills"));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_in_place_of_a_file_is_not_waited_for() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let pipe = folder.path().join("stairs.toml");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status().expect("mkfifo runs");
+    assert!(made.success());
+    let finding = Deployment::read(&pipe).expect_err("refused");
+    assert!(finding.found.ends_with("no file"), "{finding}");
+}
+
+#[test]
 fn a_deployment_out_of_range_is_refused_by_field() {
     for (from, to, field) in [
         ("switch_window = 10", "switch_window = 0", "switch_window"),

@@ -15,7 +15,7 @@ use super::instance::Instance;
 #[cfg(target_os = "linux")]
 use super::isolation::{ChildInstance, Program};
 use super::{PluginError, PluginInstance, description, image};
-use crate::manifest::Finding;
+use crate::manifest::{Finding, bytes_of};
 use crate::policy::PolicyNetwork;
 
 /// Whether a library, by its file and the bytes read from it, may be loaded.
@@ -38,11 +38,14 @@ enum Code {
     Child { program: Program, digest: [u8; 32] },
 }
 
-type Loaded = BTreeMap<[u8; 32], Result<Arc<PluginLibrary>, PluginError>>;
+/// Largest library, bytes; one of a vendor's may bring a model runtime along.
+const MAX_BYTES: u64 = 256 << 20;
 
-/// Every library this process has tried to load, by hash: a bad one is not loaded twice either.
+type Loaded = BTreeMap<(PathBuf, [u8; 32]), Result<Arc<PluginLibrary>, PluginError>>;
+
+/// Every library this process has tried to load, by hash alone: a bad one is not loaded twice either.
 static LOADED: Mutex<Loaded> = Mutex::new(BTreeMap::new());
-/// The same of those that describe themselves in a child process.
+/// The same of those that describe themselves in a child process, which loads them from their file.
 #[cfg(target_os = "linux")]
 static ISOLATED: Mutex<Loaded> = Mutex::new(BTreeMap::new());
 
@@ -70,7 +73,32 @@ impl PluginLibrary {
         let file = Self::find(search_path, name)?;
         let (bytes, digest) = read(&file)?;
         admit(&file, &bytes).map_err(PluginError::Unlocked)?;
-        Self::once(&LOADED, &file, digest, || Self::load(&file, &bytes, &digest))?.named(name, &file)
+        Self::once(&LOADED, (PathBuf::new(), digest), &file, || Self::load(&file, &bytes, &digest))?
+            .named(name, &file)
+    }
+
+    /// As [`open_if`](Self::open_if), loaded in a child process first: bytes that end it never come into this one.
+    /// Where no child can be had, and for bytes that are here already, it is [`open_if`](Self::open_if).
+    ///
+    /// # Errors
+    /// As [`open_if`](Self::open_if), and when the child ends.
+    pub(crate) fn open_tried(
+        search_path: &[PathBuf],
+        name: &str,
+        admit: Admit<'_>,
+    ) -> Result<Arc<Self>, PluginError> {
+        #[cfg(target_os = "linux")]
+        if let (Ok(file), Ok(program)) = (Self::find(search_path, name), Program::find(search_path)) {
+            let (bytes, digest) = read(&file)?;
+            let loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
+            let is_here = loaded.contains_key(&(PathBuf::new(), digest));
+            drop(loaded);
+            admit(&file, &bytes).map_err(PluginError::Unlocked)?;
+            if !is_here {
+                ChildInstance::describe(&program, &file, &digest)?;
+            }
+        }
+        Self::open_if(search_path, name, admit)
     }
 
     /// The plugin `name`, found as by [`open`](Self::open), to be run in child processes alone: nothing
@@ -96,7 +124,7 @@ impl PluginLibrary {
             let code = Code::Child { program: program.clone(), digest };
             Ok(Self { file: file.clone(), sha256: hex(&digest), description, code })
         };
-        Self::once(&ISOLATED, &file, digest, describe)?.named(name, &file)
+        Self::once(&ISOLATED, (file.clone(), digest), &file, describe)?.named(name, &file)
     }
 
     /// Elsewhere than on Linux plugins are not isolated.
@@ -122,24 +150,24 @@ impl PluginLibrary {
             let wanted = format!("SHA-256 {}, as it was when the host read it", hex(sha256));
             return Err(PluginError::NotFound(Finding::new(file, "plugin", hex(&digest), wanted)));
         }
-        Self::once(&LOADED, file, digest, || Self::load(file, &bytes, &digest))
+        Self::once(&LOADED, (PathBuf::new(), digest), file, || Self::load(file, &bytes, &digest))
     }
 
-    /// What came, or comes now, of loading bytes of this hash.
+    /// What came, or comes now, of loading what `key` stands for.
     fn once(
         seen: &Mutex<Loaded>,
+        key: (PathBuf, [u8; 32]),
         file: &Path,
-        digest: [u8; 32],
         load: impl FnOnce() -> Result<Self, PluginError>,
     ) -> Result<Arc<Self>, PluginError> {
         // Held while loading: two threads must not load the same bytes twice.
         let mut seen = seen.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(library) = seen.get(&digest) {
+        if let Some(library) = seen.get(&key) {
             return library.clone().map_err(|error| error.about(file));
         }
         let library = load().map(Arc::new);
         if !library.as_ref().is_err_and(PluginError::may_pass) {
-            seen.insert(digest, library.clone());
+            seen.insert(key, library.clone());
         }
         library
     }
@@ -291,8 +319,9 @@ impl PluginLibrary {
 
 /// A library's bytes and their SHA-256.
 fn read(file: &Path) -> Result<(Vec<u8>, [u8; 32]), PluginError> {
-    let bytes = std::fs::read(file)
-        .map_err(|error| PluginError::NotFound(Finding::new(file, "plugin", error, "a readable file")))?;
+    let wanted = format!("a readable file of at most {MAX_BYTES} bytes");
+    let bytes = bytes_of(file, MAX_BYTES)
+        .map_err(|found| PluginError::NotFound(Finding::new(file, "plugin", found, wanted)))?;
     let digest = Sha256::digest(&bytes).into();
     Ok((bytes, digest))
 }

@@ -245,6 +245,57 @@ fn the_guard_takes_a_reshape_and_a_matrix_product_as_other_exporters_write_them(
 }
 
 #[test]
+fn integers_are_for_shapes_alone() {
+    for op in ["Div", "Add", "Identity"] {
+        let fault = fault(|model| {
+            let integer = |name: &str, value| TensorProto {
+                name: name.into(),
+                dims: vec![1],
+                data_type: 7,
+                int64_data: vec![value],
+                ..TensorProto::default()
+            };
+            graph(model).initializer.extend([integer("one", 1), integer("zero", 0)]);
+            let input = if op == "Identity" { vec!["one".into()] } else { vec!["one".into(), "zero".into()] };
+            let output = vec!["unused".into()];
+            let node = NodeProto { op_type: op.into(), input, output, ..NodeProto::default() };
+            graph(model).node.insert(0, node);
+        });
+        assert_eq!((fault.field, fault.found), (format!("{op}.input"), "\"one\": integers".to_owned()));
+    }
+}
+
+#[test]
+fn pooling_counts_as_work() {
+    let fault = fault(|model| {
+        let graph = graph(model);
+        let named = |op: &str, inputs: &[&str], output: &str| NodeProto {
+            op_type: op.into(),
+            input: inputs.iter().map(|&input| input.into()).collect(),
+            output: vec![output.into()],
+            ..NodeProto::default()
+        };
+        let weights = TensorProto {
+            name: "wide".into(),
+            dims: vec![1000, 1, 1, 1],
+            data_type: 1,
+            raw_data: vec![0; 4000],
+            ..TensorProto::default()
+        };
+        let mut pool = named("MaxPool", &["spread"], "pooled");
+        pool.attribute = vec![ints("kernel_shape", &[31, 11]), ints("pads", &[15, 5, 15, 5])];
+        graph.initializer.push(weights);
+        graph.node.splice(0..0, [named("Conv", &["heightfield", "wide"], "spread"), pool]);
+    });
+    assert_eq!(
+        (fault.field.as_str(), fault.wanted.as_str()),
+        ("graph", "at most 50000000"),
+        "{}",
+        fault.found
+    );
+}
+
+#[test]
 fn a_prediction_that_overflows_is_an_error_and_not_a_number_that_gets_out() {
     let network = Network::constant(Quantity::Cot, f32::MAX);
     let mut model = network.model();

@@ -21,6 +21,8 @@ pub use error::RobotError;
 pub use settings::StandParameters;
 pub use shape::{Role, Shape, ShapeKind};
 
+use crate::manifest::{MAX_BYTES, bytes_of};
+
 /// How the bytes of a robot's file are got.
 pub type ReadFile<'a> = &'a dyn Fn(&Path) -> Result<Vec<u8>, RobotError>;
 
@@ -67,7 +69,11 @@ impl RobotModel {
     /// disagree: each names file, field, what was found and what would be right.
     pub fn load(robots_dir: &Path, name: &str) -> Result<Self, RobotError> {
         Self::load_by(robots_dir, name, &|path| {
-            std::fs::read(path).map_err(|source| RobotError::Unreadable { path: path.to_owned(), source })
+            let unreadable = |found| RobotError::Unreadable {
+                path: path.to_owned(),
+                source: std::io::Error::other(found),
+            };
+            bytes_of(path, MAX_BYTES).map_err(unreadable)
         })
     }
 

@@ -8,7 +8,8 @@ const MAX_DEPTH: usize = 100;
 pub(super) type Defect = (String, &'static str);
 
 /// Checks that elements nest no deeper than a robot's, and that there is nothing in which other
-/// elements could hide: no document type with its entities, no character data in brackets.
+/// elements could hide: no document type with its entities, no character data in brackets, no other file, whose
+/// bytes nobody has checked. The parser takes an element of any prefix for one without; here it is none.
 pub(super) fn check(text: &str) -> Result<(), Defect> {
     let mut depth = 0_usize;
     let mut rest = text;
@@ -23,6 +24,18 @@ pub(super) fn check(text: &str) -> Result<(), Defect> {
         } else {
             let end = end_of(tag);
             let closes = tag.starts_with('/');
+            let name =
+                tag.trim_start_matches('/').split(|it: char| it.is_whitespace() || "/>".contains(it)).next();
+            match name.unwrap_or_default() {
+                "include" => {
+                    return Err(("include of another file".to_owned(), "the whole robot in this one"));
+                }
+                name if name.contains(':') => {
+                    let found = format!("<{}", name.chars().take(40).collect::<String>());
+                    return Err((found, "elements without a prefix"));
+                }
+                _ => {}
+            }
             let is_empty = tag[..end].ends_with('/');
             rest = &tag[end..];
             depth = if closes { depth.saturating_sub(1) } else { depth + usize::from(!is_empty) };
@@ -71,6 +84,18 @@ mod tests {
         for text in ["<!DOCTYPE m [<!ENTITY a \"<body>\">]><m/>", "<m><![CDATA[</m>]]></m>"] {
             check(text).expect_err(text);
         }
+    }
+
+    #[test]
+    fn another_file_is_refused_however_it_is_asked_for() {
+        for text in [
+            "<m><include file='a'/></m>",
+            "<m xmlns:x='u'><x:include file='a'/></m>",
+            "<m><include\nfile='a'/></m>",
+        ] {
+            check(text).expect_err(text);
+        }
+        check("<m><!-- no <include/> here --></m>").expect("a comment");
     }
 
     #[test]

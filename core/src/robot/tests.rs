@@ -22,7 +22,7 @@ fn altered(file: &str, from: &str, to: &str) -> String {
 #[test]
 fn a_robot_that_includes_another_file_is_refused() {
     let line = altered("anymal_d.xml", "<worldbody>", "<include file=\"legs.xml\"/><worldbody>");
-    assert!(line.contains("anymal_d.xml: include: found another file"), "{line}");
+    assert!(line.contains("anymal_d.xml: file: found include of another file"), "{line}");
 }
 
 #[test]

@@ -171,6 +171,7 @@ fn intake<'a>(installation: &'a Installation, lock: Option<&'a Lock>) -> Intake<
         Some(lock) => Intake::locked(&installation.root, lock),
         None => Intake::open(&installation.root),
     }
+    .carefully()
 }
 
 /// What looks at the files; a [`Follower`] does so from its thread.
@@ -242,6 +243,8 @@ impl Watch {
         if let (Some(lock), Some(keys)) = (&lock, keys) {
             lock.check_signature(keys)?;
             lock.check_signature(&deployment.trusted_keys)?;
+            // A deployment that demands less than the one that was started takes nothing back.
+            lock.check_signature(&self.deployment.trusted_keys)?;
         }
         let mut events = Vec::new();
         if self.differs_otherwise(&deployment) {

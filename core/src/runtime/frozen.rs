@@ -23,18 +23,22 @@ pub(super) struct Frozen {
 }
 
 impl Frozen {
+    /// Whether the measurement of `now_s`, counted in ticks, still changes: a line repeated with its old time is
+    /// frozen too.
+    ///
     /// # Errors
     /// The joints, gravity and angular velocity are what they have been for too long.
     pub(super) fn check(
         &mut self,
         observation: &Observation,
+        now_s: f64,
         drives: bool,
         limit_s: Option<f64>,
     ) -> Result<(), ObservationFault> {
         let Some(limit_s) = limit_s else { return Ok(()) };
         let joints = observation.joint_position_rad.iter().chain(&observation.joint_velocity_rad_per_s);
         let body = observation.projected_gravity.iter().chain(&observation.base_angular_velocity);
-        match self.measurement.see(observation.t_s, joints.chain(body), drives, limit_s) {
+        match self.measurement.see(now_s, joints.chain(body), drives, limit_s) {
             Some(held_s) => Err(ObservationFault::new(
                 "joints and base",
                 format!("the same measurement for {held_s:.3} s"),
@@ -142,6 +146,16 @@ mod tests {
             run.tick().active == "walk"
         });
         assert_eq!(ticks, Some(25), "the resume window");
+    }
+
+    #[test]
+    fn a_line_repeated_with_its_time_is_frozen_too() {
+        let mut run = walking(MEASUREMENT);
+        let tick = |run: &mut Loop| run.runtime.tick(&run.observation).decision.forced;
+        for _ in 0..4 {
+            assert_eq!(tick(&mut run), None);
+        }
+        assert_eq!(tick(&mut run), Some(Forced::Observation));
     }
 
     #[test]

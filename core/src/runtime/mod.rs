@@ -287,12 +287,13 @@ impl Runtime {
             }
             return self.stand_for(&fault, began);
         }
-        self.last_t_s = Some(observation.t_s);
-        let limit_s = self.config.frozen.measurement_s;
-        if let Err(fault) = self.frozen.check(observation, self.is_driven_by_a_skill(), limit_s) {
+        let last_t_s = self.last_t_s.replace(observation.t_s);
+        let (now_s, limit_s) = (self.ticks as f64 / self.config.rate_hz, self.config.frozen.measurement_s);
+        if let Err(fault) = self.frozen.check(observation, now_s, self.is_driven_by_a_skill(), limit_s) {
             return self.stand_for(&fault, began);
         }
         self.begin(observation.t_s, observation.command.velocity);
+        self.note_pace(last_t_s);
 
         let field = self.field(observation);
         let choice = self.choose(field.as_ref(), observation);
@@ -334,6 +335,18 @@ impl Runtime {
         self.time(began, began);
         self.record(Choice::Stop);
         Tick { decision: &self.decision, joints: &self.joints }
+    }
+
+    /// Says so when this observation is much earlier or later than a tick after the last: what skills do goes by
+    /// ticks.
+    fn note_pace(&mut self, last_t_s: Option<f64>) {
+        let Some(last_t_s) = last_t_s else { return };
+        let (step_s, period_s) = (self.decision.t_s - last_t_s, 1.0 / self.config.rate_hz);
+        if !(0.5 * period_s..=5.0 * period_s).contains(&step_s) {
+            let line =
+                format!("t_s: found {step_s:.3} s after the last observation, wanted about {period_s} s");
+            self.decision.events.push(line);
+        }
     }
 
     fn is_driven_by_a_skill(&self) -> bool {

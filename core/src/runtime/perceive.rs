@@ -4,10 +4,25 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use super::{CallFault, Runtime, Supervision};
 use crate::decision;
-use crate::heightfield::{Field, Noise};
+use crate::heightfield::{Field, Heightfield, Noise};
 use crate::observation::Observation;
 use crate::selector::{Choice, Prediction, Reason};
 use crate::switch::Active;
+
+/// Where the ground under the base may lie, m over the base's origin: elsewhere heights are of another frame or unit.
+const GROUND_M: std::ops::RangeInclusive<f32> = -5.0..=-0.02;
+
+fn below_the_base(heightfield: &Heightfield) -> Result<(), String> {
+    let around = heightfield.cells_m[9..=11].iter().flat_map(|row| &row[4..=6]);
+    let mut known: Vec<f32> = around.copied().filter(|height| height.is_finite()).collect();
+    known.sort_by(f32::total_cmp);
+    match known.get(known.len() / 2) {
+        Some(ground) if !GROUND_M.contains(ground) => Err(format!(
+            "elevation: height_m: found ground at {ground:.2} m under the base, wanted -5 to -0.02 m: heights are over the base's origin"
+        )),
+        _ => Ok(()),
+    }
+}
 
 impl Runtime {
     /// The predictors' field; none, with an event, when the terrain cannot be used.
@@ -35,6 +50,7 @@ impl Runtime {
                     None => elevation.heightfield().map_err(|error| error.to_string()),
                 };
                 heightfield
+                    .and_then(|heightfield| below_the_base(&heightfield).map(|()| heightfield))
                     .and_then(|heightfield| heightfield.prepare(noise).map_err(|error| error.to_string()))
             }
         };

@@ -79,7 +79,8 @@ impl Runtime {
             && moves.to(active).is_none()
         {
             let name = self.skills[active].rule.name.as_str();
-            let is_replaced = places.iter().any(|place| matches!(place, Place::New(new) if new.rule.name == name));
+            let is_replaced =
+                places.iter().any(|place| matches!(place, Place::New(new) if new.rule.name == name));
             let what = if is_replaced { "replaced" } else { "gone" };
             events.push(format!("skill {name} is {what} while it drives: stop"));
         }

@@ -14,8 +14,7 @@ type Parsed<T> = Result<T, ObservationFault>;
 /// The first field that is missing, unknown, of the wrong kind, or not a finite number. Terrain of
 /// the wrong size is no error: the robot stops for it.
 pub fn parse(line: &[u8], robot: &RobotDescription) -> Parsed<Observation> {
-    let value: Value = serde_json::from_slice(line)
-        .map_err(|error| ObservationFault::new("line", error, "one JSON object"))?;
+    let value: Value = serde_json::from_slice(line).map_err(|error| not_json(line, &error))?;
     let mut object = Object::of(&value, "")?;
     let joints: Vec<&str> = robot.joints.iter().map(|joint| joint.name.as_str()).collect();
     let feet: Vec<&str> = robot.feet.iter().map(|foot| foot.name.as_str()).collect();
@@ -46,6 +45,23 @@ pub fn parse(line: &[u8], robot: &RobotDescription) -> Parsed<Observation> {
     Ok(observation)
 }
 
+/// Why a line is no JSON; Python and many maps write what JSON has no number for.
+fn not_json(line: &[u8], error: &serde_json::Error) -> ObservationFault {
+    let at = error.column().saturating_sub(2);
+    let rest = line.get(at..).unwrap_or_default();
+    let wanted = "one JSON object; an unknown height is null";
+    match [&b"NaN"[..], b"Infinity", b"-Infinity"]
+        .into_iter()
+        .find(|word| rest.starts_with(word) || rest.get(1..).is_some_and(|rest| rest.starts_with(word)))
+    {
+        Some(word) => {
+            let found = format!("{} at column {}", String::from_utf8_lossy(word), error.column());
+            ObservationFault::new("line", found, wanted)
+        }
+        None => ObservationFault::new("line", error, "one JSON object"),
+    }
+}
+
 /// An object whose fields are taken one by one; what is left at the end is unknown.
 struct Object<'a> {
     fields: &'a Map<String, Value>,
@@ -69,8 +85,10 @@ impl<'a> Object<'a> {
     }
 
     fn has(&mut self, field: &'static str) -> bool {
-        self.taken.push(field);
-        self.fields.get(field).is_some_and(|value| !value.is_null())
+        self.fields.get(field).is_some_and(|value| !value.is_null()) || {
+            self.taken.push(field);
+            false
+        }
     }
 
     /// The field's value; `null` counts as left out.
@@ -176,14 +194,18 @@ fn elevation(value: &Value) -> Parsed<Elevation> {
     let (t_s, resolution_m) = (extent("t_s")?, extent("resolution_m")?);
     let (back_m, front_m, half_width_m) = (extent("back_m")?, extent("front_m")?, extent("half_width_m")?);
     let rows = object.need("height_m")?;
-    let height_m = heights(rows)?;
+    let (height_m, columns) = heights(rows)?;
     object.finish()?;
-    Ok(Elevation { t_s, resolution_m, back_m, front_m, half_width_m, height_m })
+    let mut elevation = Elevation { t_s, resolution_m, back_m, front_m, half_width_m, height_m };
+    if columns != Some(elevation.columns()) {
+        // As many heights in rows of another length are another map: transposed, for one.
+        elevation.height_m.clear();
+    }
+    Ok(elevation)
 }
 
-/// Rows of heights; `null` is unknown. Rows of unequal length give none at all, which is refused as
-/// terrain of the wrong size.
-fn heights(value: &Value) -> Parsed<Vec<f32>> {
+/// Rows of heights, and their length; `null` is unknown. Rows of unequal length have none.
+fn heights(value: &Value) -> Parsed<(Vec<f32>, Option<usize>)> {
     let field = "elevation.height_m";
     let wanted = |path: &str, found: &Value| {
         Err(ObservationFault::new(path, shown(found), "rows of numbers, null where unknown"))
@@ -203,7 +225,7 @@ fn heights(value: &Value) -> Parsed<Vec<f32>> {
             });
         }
     }
-    Ok(if ragged { Vec::new() } else { heights })
+    Ok((heights, columns.filter(|_| !ragged)))
 }
 
 /// A value as an error shows it: kind, and the text when it is short.

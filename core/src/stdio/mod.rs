@@ -64,7 +64,7 @@ pub fn serve(
         };
         if let Some(fault) = fault {
             served.errors += 1;
-            send(&mut writer, &ErrorLine::of(&robot.description, &fault, tick.joints))?;
+            send(&mut writer, &ErrorLine::of(&robot.description, &fault, &tick))?;
         } else {
             send(&mut writer, &TickLine::of(&robot.description, &tick))?;
         }

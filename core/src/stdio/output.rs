@@ -4,7 +4,7 @@ use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 use vocaloco_plugin_api::{JointTarget, RobotDescription};
 
-use crate::decision::SkillVerdict;
+use crate::decision::{Forced, SkillVerdict};
 use crate::observation::ObservationFault;
 use crate::predictor::backend;
 use crate::runtime::{Runtime, Tick};
@@ -71,6 +71,7 @@ pub struct TickLine<'a> {
     skills: Skills<'a>,
     reason: &'a str,
     stopped: bool,
+    forced: Option<Forced>,
     events: &'a [String],
     joints: Joints<'a>,
 }
@@ -86,6 +87,7 @@ impl<'a> TickLine<'a> {
             skills: Skills(&decision.skills),
             reason: &decision.reason,
             stopped: decision.stopped,
+            forced: decision.forced,
             events: &decision.events,
             joints: Joints { robot, targets: tick.joints },
         }
@@ -96,7 +98,8 @@ impl<'a> TickLine<'a> {
 #[derive(Serialize)]
 pub(super) struct ErrorLine<'a> {
     error: ErrorBody<'a>,
-    joints: Joints<'a>,
+    #[serde(flatten)]
+    tick: TickLine<'a>,
 }
 
 #[derive(Serialize)]
@@ -107,13 +110,9 @@ struct ErrorBody<'a> {
 }
 
 impl<'a> ErrorLine<'a> {
-    pub(super) fn of(
-        robot: &'a RobotDescription,
-        fault: &'a ObservationFault,
-        targets: &'a [JointTarget],
-    ) -> Self {
+    pub(super) fn of(robot: &'a RobotDescription, fault: &'a ObservationFault, tick: &Tick<'a>) -> Self {
         let error = ErrorBody { field: &fault.field, found: &fault.found, wanted: &fault.wanted };
-        Self { error, joints: Joints { robot, targets } }
+        Self { error, tick: TickLine::of(robot, tick) }
     }
 }
 

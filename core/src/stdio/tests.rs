@@ -132,6 +132,8 @@ fn values_that_are_no_finite_numbers_are_named() {
 #[test]
 fn values_of_another_unit_are_named() {
     let degrees = error(|line| line["joint_position_rad"]["LF_KFE"] = json!(-45.8));
+    let fast = error(|line| line["joint_velocity_rad_per_s"]["LF_KFE"] = json!(-172.0));
+    assert_eq!((fast.0.as_str(), fast.2.as_str()), ("joint_velocity_rad_per_s.LF_KFE", "-85 to 85 rad/s"));
     let [field, found, wanted] =
         ["joint_position_rad.LF_KFE", "-45.8", "-3.60 to 0.90 rad"].map(str::to_owned);
     assert_eq!(degrees, (field, found, wanted));
@@ -154,6 +156,45 @@ fn a_line_that_is_not_json_is_answered() {
 }
 
 #[test]
+fn a_number_that_json_does_not_have_is_named() {
+    for word in ["NaN", "Infinity", "-Infinity"] {
+        let text = line(0.04).to_string().replacen("-0.55", word, 1);
+        let (field, found, wanted) = raw_error(text);
+        assert!(field == "line" && found.contains(word.trim_start_matches('-')), "{found}");
+        assert_eq!(wanted, "one JSON object; an unknown height is null");
+    }
+}
+
+#[test]
+fn an_error_says_besides_what_every_line_says() {
+    let mut spoiled = line(0.04);
+    spoiled["projected_gravity"] = json!([0.0, 0.0, -9.81]);
+    let (values, _) = answers(&[line(0.02).to_string(), spoiled.to_string()]);
+    let told = |value: &Value| {
+        ["t_s", "active", "choice", "stopped", "forced", "events"].map(|key| value[key].clone())
+    };
+    assert_eq!(
+        told(&values[0]),
+        [json!(0.02), json!("stand"), json!("walk"), json!(false), json!(null), json!([])]
+    );
+    let [t_s, active, choice, stopped, forced, events] = told(&values[1]);
+    assert_eq!((t_s, active, choice), (json!(0.04), json!("stand"), json!("stop")));
+    assert_eq!((stopped, forced), (json!(true), json!("observation")));
+    assert!(events[0].as_str().unwrap().starts_with("projected_gravity: found length 9.810"), "{events}");
+}
+
+#[test]
+fn lines_much_closer_or_farther_apart_than_ticks_are_remarked_on() {
+    for (t_s, found) in [(0.041, "0.001"), (0.04, "0.000"), (10.04, "10.000")] {
+        let lines = [line(0.02), line(0.04), line(t_s)].map(|line| line.to_string());
+        let (values, served) = answers(&lines);
+        assert_eq!((served.errors, &values[1]["events"]), (0, &json!([])));
+        let wanted = format!("t_s: found {found} s after the last observation, wanted about 0.02 s");
+        assert_eq!(values[2]["events"], json!([wanted]));
+    }
+}
+
+#[test]
 fn a_line_that_is_too_long_is_answered_without_keeping_it() {
     let (field, found, _) = raw_error(format!("{{\"x\": \"{}\"}}", "a".repeat(MAX_LINE_BYTES)));
     assert_eq!((field.as_str(), found.as_str()), ("line", "4194313 bytes"));
@@ -173,7 +214,14 @@ fn a_contact_that_a_plugin_needs_must_be_there() {
 
 #[test]
 fn terrain_of_the_wrong_size_stops_and_is_no_malformed_line() {
-    let spoilers: [fn(&mut Value); 5] = [
+    let spoilers: [fn(&mut Value); 9] = [
+        |line| {
+            // Transposed: as many heights, in columns of another length.
+            line["elevation"]["height_m"] = json!(vec![vec![-0.55; 31]; 11]);
+        },
+        |line| line["elevation"]["height_m"] = json!([vec![-0.55; 341]]),
+        |line| line["elevation"]["height_m"] = json!(vec![vec![0.0; 11]; 31]),
+        |line| line["elevation"]["height_m"] = json!(vec![vec![-55.0; 11]; 31]),
         |line| drop(line.as_object_mut().unwrap().remove("elevation")),
         |line| line["elevation"]["height_m"] = json!([]),
         |line| line["elevation"]["height_m"][4] = json!([0.0]),

@@ -222,7 +222,8 @@ impl<'a> Soak<'a> {
             self.added += 1;
         }
         let found = self.watch.look().or_else(|| self.watch.look());
-        let Roster { places, events, deadlines } = found.context("a changed installation: found no change of skills")?;
+        let Roster { places, events, deadlines } =
+            found.context("a changed installation: found no change of skills")?;
         let mut wrap = |place| match place {
             Place::New(skill) => {
                 self.loads += 1;

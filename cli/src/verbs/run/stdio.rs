@@ -6,6 +6,7 @@ use std::ops::ControlFlow;
 use vocaloco_core::decision_log::{LogError, LogWriter, Setup};
 use vocaloco_core::stdio::{Greeting, serve};
 
+use super::input::until_asked_to_end;
 use super::{Args, pace, start};
 use crate::exit::Exit;
 
@@ -14,17 +15,16 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
     let greeting = Greeting::of(&runtime, &args.deployment, refused);
     let setup = Setup::of(&runtime, &args.deployment);
     let mut log = args.log.as_deref().map(|file| LogWriter::create(file, &setup)).transpose()?;
-    let served =
-        serve(&mut runtime, &greeting, io::stdin().lock(), io::stdout().lock(), |decision| {
-            match log.as_mut().map(|log| log.write(decision)) {
-                Some(Err(error)) => {
-                    report(&error);
-                    log = None;
-                    ControlFlow::Break(())
-                }
-                _ => ControlFlow::Continue(()),
+    let served = serve(&mut runtime, &greeting, until_asked_to_end()?, io::stdout().lock(), |decision| {
+        match log.as_mut().map(|log| log.write(decision)) {
+            Some(Err(error)) => {
+                report(&error);
+                log = None;
+                ControlFlow::Break(())
             }
-        })?;
+            _ => ControlFlow::Continue(()),
+        }
+    })?;
     let ended = log.map_or(Ok(()), LogWriter::finish);
     if let Err(error) = &ended {
         report(error);

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
 use vocaloco_core::installation::Installation;
-use vocaloco_core::manifest::Deployment;
+use vocaloco_core::manifest::{Deployment, Finding};
 use vocaloco_core::registry::{ModelPolicy, check_skill, read_deployment};
 use vocaloco_core::robot::RobotModel;
 
@@ -78,6 +78,12 @@ fn check(args: &Args) -> anyhow::Result<Report> {
             Err(finding) => findings.push(finding.to_string()),
             Ok(deployment) => {
                 findings.extend(robots.load(&deployment.robot).err());
+                let is_missing = |skill: &&String| !installation.skill_file(skill).is_file();
+                for skill in deployment.skills.iter().filter(is_missing) {
+                    let wanted = "a skill with a manifest in manifests/skills";
+                    let finding = Finding::new(&deployment.file, "skills", format!("{skill:?}"), wanted);
+                    findings.push(finding.relative_to(&installation.root).to_string());
+                }
                 names.extend(deployment.skills.iter().cloned());
                 sound.push(deployment);
             }

@@ -6,6 +6,7 @@ use std::os::unix::net::UnixStream;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command as Process, ExitStatus, Stdio};
+use std::sync::OnceLock;
 use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process_group};
@@ -29,13 +30,28 @@ const HUNG: Duration = Duration::from_secs(2);
 /// Time in which a child that hung up is expected to have ended.
 const END: Duration = Duration::from_millis(200);
 
-/// The program that children run: this one, or `vocaloco` beside the plugins.
+/// Where [`isolate_with`] was told of a program.
+static TOLD: OnceLock<PathBuf> = OnceLock::new();
+
+/// Isolated plugins run in this program from now on, which answers the verb `plugin-host` with
+/// [`serve`](super::serve); only the first call counts.
+///
+/// The command line says so of itself, whatever its file is called. A program that does not is expected to be
+/// called `vocaloco`, or to have that beside its plugins.
+pub fn isolate_with(program: PathBuf) {
+    let _ = TOLD.set(program);
+}
+
+/// The program that children run: the one told of, this one, or `vocaloco` beside the plugins.
 #[derive(Clone, Debug)]
 pub(crate) struct Program(PathBuf);
 
 impl Program {
     /// This process's own program when it is `vocaloco`, else the one on the plugin path.
     pub(crate) fn find(search_path: &[PathBuf]) -> Result<Self, Finding> {
+        if let Some(told) = TOLD.get() {
+            return Ok(Self(told.clone()));
+        }
         let own = std::env::current_exe().ok();
         if own.as_deref().and_then(Path::file_stem).is_some_and(|stem| stem == "vocaloco") {
             // The very program that runs, even when its file was replaced meanwhile.

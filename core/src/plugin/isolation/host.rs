@@ -13,6 +13,7 @@ use super::limits::{self, GROWTH_BYTES, LOADING_BYTES};
 use super::memory::SharedMemory;
 use super::message::{Create, Description, Needs, Refused, Start, Started};
 use super::wire;
+use crate::lock::sha256_hex;
 use crate::manifest::Finding;
 use crate::plugin::{PluginError, PluginInstance, PluginLibrary};
 use crate::policy::PolicyNetwork;
@@ -90,12 +91,13 @@ fn instance(
     let robot = create.robot.into_api();
     let robot = robot.ok_or_else(|| refuse("robot", "a description cut short", "a whole one"))?;
     let policy = create.policy.map(|policy| {
-        let network = PolicyNetwork::load(Path::new(&policy.file));
-        let network = network.map_err(|error| PluginError::Create(error.0))?;
-        if network.sha256() == policy.sha256 {
-            return Ok(network);
+        let path = Path::new(&policy.file);
+        let bytes = PolicyNetwork::read(path).map_err(|error| PluginError::Create(error.0))?;
+        let found = sha256_hex(&bytes);
+        if found != policy.sha256 {
+            return Err(refuse("models.policy", &found, &policy.sha256));
         }
-        Err(refuse("models.policy", network.sha256(), &policy.sha256))
+        PolicyNetwork::from_bytes(&bytes, path).map_err(|error| PluginError::Create(error.0))
     });
     library.create_with(&create.parameters, &robot, policy.transpose()?.as_ref())
 }

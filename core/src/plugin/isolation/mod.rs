@@ -1,8 +1,8 @@
 //! A plugin in a process of its own: `isolation = "process"`.
 //!
 //! The child is this program over again under a hidden verb. It loads the library, makes one instance
-//! and answers calls; states and targets go through shared memory, a byte on a socket wakes the other
-//! side. Whatever ends the child, or keeps it from answering, is an error like any other. It is a fence
+//! and answers calls; states and targets go through shared memory, the call's number on a socket wakes the
+//! other side. Whatever ends the child, or keeps it from answering, is an error like any other. It is a fence
 //! against faults, not against malice: the child may do what this user may.
 
 mod child;
@@ -13,5 +13,6 @@ mod memory;
 mod message;
 mod wire;
 
+pub use child::isolate_with;
 pub(super) use child::{ChildInstance, Program};
 pub use host::serve;

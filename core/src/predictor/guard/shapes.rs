@@ -63,7 +63,11 @@ impl Shapes {
             ("Conv", [x, weight, bias]) if weight.first().is_some_and(|&out| *bias == [out]) => {
                 self.conv(&mut attributes, x, weight)?
             }
-            ("MaxPool" | "AveragePool", [x]) => pool(&mut attributes, x)?,
+            ("MaxPool" | "AveragePool", [x]) => {
+                let (shape, kernel) = pool(&mut attributes, x)?;
+                self.add_work(&shape, kernel);
+                shape
+            }
             ("Flatten", [x]) if x.len() > 1 => {
                 attributes.only("axis", 1, 1)?;
                 vec![x[0], x[1..].iter().product()]
@@ -94,6 +98,7 @@ impl Shapes {
             }
         };
         attributes.finish()?;
+        self.add_work(&shape, 1);
         if self.work > MAX_WORK {
             return Err(Fault::new(
                 "graph",
@@ -110,6 +115,17 @@ impl Shapes {
                 Fault::new(format!("{}.input", node.op_type), format!("{name:?}"), "a value computed before")
             })
         };
+        for (index, name) in node.input.iter().enumerate() {
+            // Runtimes fold integers while they load, and end the process when one is divided by zero.
+            if self.tensors.integers.contains_key(name) && (node.op_type.as_str(), index) != ("Reshape", 1) {
+                let field = format!("{}.input", node.op_type);
+                return Err(Fault::new(
+                    field,
+                    format!("{name:?}: integers"),
+                    "f32; integers only shape a Reshape",
+                ));
+            }
+        }
         if node.input.len() > 3 {
             return Err(Fault::new(&node.op_type, format!("{} inputs", node.input.len()), "at most 3"));
         }
@@ -205,7 +221,8 @@ impl Shapes {
     }
 }
 
-fn pool(attributes: &mut Attributes<'_>, x: &[usize]) -> Result<Vec<usize>, Fault> {
+/// Shape, and points of the window.
+fn pool(attributes: &mut Attributes<'_>, x: &[usize]) -> Result<(Vec<usize>, usize), Fault> {
     for name in ["ceil_mode", "storage_order", "count_include_pad"] {
         attributes.only(name, 0, 0)?;
     }
@@ -214,7 +231,7 @@ fn pool(attributes: &mut Attributes<'_>, x: &[usize]) -> Result<Vec<usize>, Faul
         return Err(attributes.fault("X", x, "[1, C, rows, columns]"));
     };
     let [rows, columns] = window(attributes, [rows, columns], kernel)?;
-    Ok(vec![1, channels, rows, columns])
+    Ok((vec![1, channels, rows, columns], kernel[0].saturating_mul(kernel[1])))
 }
 
 /// Size after a sliding window with stride, padding and dilation.

@@ -43,7 +43,9 @@ fn a_call_that_hangs_stands_within_the_tick_and_is_out_after_three() {
     }
     let third = it.tick();
     assert_eq!((third.active.as_str(), third.forced), ("stand", Some(Forced::Fault)));
-    assert!(third.events[0].starts_with("skill walk is taken out of service: reset and act: found no answer"));
+    assert!(
+        third.events[0].starts_with("skill walk is taken out of service: reset and act: found no answer")
+    );
     assert_eq!(third.skills[0].reason, Reason::TooSlow);
     // The budget was waited for once: a call that hangs is not waited for again.
     let waited = clock().saturating_sub(began);

@@ -1,0 +1,57 @@
+//! Standard input, until it ends or this process is asked to end.
+
+use std::io::{self, BufRead};
+
+/// What `run --source stdio` reads: SIGINT and SIGTERM end it as the other side's hanging up does, between two reads.
+///
+/// # Errors
+/// Standard input cannot be read, or the system watches no signals.
+#[cfg(unix)]
+pub(super) fn until_asked_to_end() -> io::Result<impl BufRead> {
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::low_level::pipe;
+    use std::fs::File;
+    use std::os::fd::AsFd;
+    use std::os::unix::net::UnixStream;
+
+    let (asked, asks) = UnixStream::pair()?;
+    pipe::register(SIGINT, asks.try_clone()?)?;
+    pipe::register(SIGTERM, asks)?;
+    let stdin = File::from(io::stdin().as_fd().try_clone_to_owned()?);
+    Ok(io::BufReader::with_capacity(64 << 10, unix::Until { stdin, asked }))
+}
+
+#[cfg(not(unix))]
+pub(super) fn until_asked_to_end() -> io::Result<impl BufRead> {
+    Ok(io::stdin().lock())
+}
+
+#[cfg(unix)]
+mod unix {
+    use std::fs::File;
+    use std::io::{self, Read};
+    use std::os::unix::net::UnixStream;
+
+    use rustix::event::{PollFd, PollFlags, poll};
+
+    pub(super) struct Until {
+        pub(super) stdin: File,
+        pub(super) asked: UnixStream,
+    }
+
+    impl Read for Until {
+        fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+            loop {
+                let mut watched =
+                    [PollFd::new(&self.stdin, PollFlags::IN), PollFd::new(&self.asked, PollFlags::IN)];
+                match poll(&mut watched, None) {
+                    // The signal itself: the next look finds what it has written.
+                    Err(rustix::io::Errno::INTR) => {}
+                    Err(error) => return Err(error.into()),
+                    Ok(_) if !watched[1].revents().is_empty() => return Ok(0),
+                    Ok(_) => return self.stdin.read(into),
+                }
+            }
+        }
+    }
+}
