@@ -8,12 +8,13 @@ use std::sync::LazyLock;
 
 use vocaloco_tests::repository;
 
-const DOCUMENTS: [&str; 9] = [
+const DOCUMENTS: [&str; 10] = [
     "README.md",
     "docs/data.md",
     "docs/reproduce.md",
     "docs/method.md",
     "docs/locks.md",
+    "docs/bridge.md",
     "docs/switching.md",
     "docs/paper.md",
     "docs/predictors.md",

@@ -161,7 +161,7 @@ fn apart<T: Send>(work: impl Fn() -> T + Sync) -> Option<T> {
     };
     let done = std::thread::scope(|scope| {
         let thread = std::thread::Builder::new().name("follow apart".to_owned());
-        thread.spawn_scoped(scope, &gives_way).map(|thread| thread.join()).ok()
+        thread.spawn_scoped(scope, gives_way).map(std::thread::ScopedJoinHandle::join).ok()
     });
     done.map_or_else(|| Some(work()), Result::ok)
 }

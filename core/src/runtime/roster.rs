@@ -109,14 +109,10 @@ impl Runtime {
         self.handover.adopt(&moves);
         self.targets = moves.carry(std::mem::take(&mut self.targets), |_| None).0;
         if let Some(Active::Skill(driver)) = self.drives {
-            match moves.to(driver) {
-                Some(driver) => self.drives = Some(Active::Skill(driver)),
-                None => {
-                    // The stand begins with what the next tick measures.
-                    self.drives = Some(Active::Stand);
-                    self.is_orphaned = true;
-                }
-            }
+            let driver = moves.to(driver);
+            self.drives = Some(driver.map_or(Active::Stand, Active::Skill));
+            // The stand begins with what the next tick measures.
+            self.is_orphaned |= driver.is_none();
         }
         self.share_time(deadlines);
         gone.into_iter().flatten().collect()
