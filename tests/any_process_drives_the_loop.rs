@@ -167,7 +167,8 @@ fn a_signal_to_end_is_a_clean_stop() {
         stdin.write_all(session(0..15).as_bytes()).expect("the input is taken");
         let mut answers = BufReader::new(child.stdout.as_mut().expect("a pipe")).lines();
         assert_eq!(answers.by_ref().take(16).count(), 16, "the greeting and 15 lines");
-        // It waits for the next line now, and its input stays open.
+        // It waits for the rest of a line now, and its input stays open.
+        child.stdin.as_mut().expect("a pipe").write_all(b"{\"t_s\": ").expect("the input is taken");
         let killed = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
         assert!(killed.expect("kill runs").success());
         let output = child.wait_with_output().expect("it ends");

@@ -78,7 +78,7 @@ impl PluginLibrary {
     }
 
     /// As [`open_if`](Self::open_if), loaded in a child process first: bytes that end it never come into this one.
-    /// Where no child can be had, and for bytes that are here already, it is [`open_if`](Self::open_if).
+    /// Where no program for children is known, and for bytes that are here already, it is [`open_if`](Self::open_if).
     ///
     /// # Errors
     /// As [`open_if`](Self::open_if), and when the child ends.

@@ -28,13 +28,16 @@ pub struct Followed {
     name: String,
     keys: Option<Vec<PublicKey>>,
     seen: Seen,
+    /// What the skills were made of then.
+    contents: BTreeMap<String, Contents>,
 }
 
 impl Followed {
     /// The files as they are now, to be called before they are loaded: what changes meanwhile is not lost.
     pub fn now(installation: &Installation, name: &str) -> Self {
         let seen = Seen::look(installation, name);
-        Self { installation: installation.clone(), name: name.to_owned(), keys: None, seen }
+        let contents = seen.skills.keys().map(|skill| (skill.clone(), seen.contents(skill))).collect();
+        Self { installation: installation.clone(), name: name.to_owned(), keys: None, seen, contents }
     }
 
     /// Takes skills only from a lock, which one of `keys` must have signed where there are any, besides
@@ -194,19 +197,19 @@ pub struct Watch {
 impl Watch {
     /// Starts with what runs now, as [`Follower::start`].
     pub fn new(
-        followed: Followed,
+        mut followed: Followed,
         deployment: Deployment,
         robot: Arc<RobotModel>,
         running: impl IntoIterator<Item = String>,
         supervision: Option<Supervision>,
     ) -> Self {
         return_large_blocks();
+        let contents = &mut followed.contents;
         let made_of = |skill: String| {
-            let contents = followed.seen.contents(&skill);
+            let contents = contents.remove(&skill).unwrap_or_default();
             (skill, contents)
         };
-        let running: Vec<String> = running.into_iter().collect();
-        let running = apart(|| running.iter().cloned().map(made_of).collect()).unwrap_or_default();
+        let running = running.into_iter().map(made_of).collect();
         let (judged, locked) = (followed.seen.skills.clone(), followed.seen.lock);
         Self { followed, deployment, robot, running, judged, supervision, settling: None, locked }
     }
@@ -236,7 +239,7 @@ impl Watch {
 
     /// Loads what differs from what was judged.
     fn take_up(&mut self) -> Result<Roster, Finding> {
-        let Followed { installation, name, keys, seen } = &self.followed;
+        let Followed { installation, name, keys, seen, .. } = &self.followed;
         let lock = keys.as_ref().map(|_| Lock::read(installation, name)).transpose()?;
         let intake = intake(installation, lock.as_ref());
         let deployment = deployment_through(installation, name, &intake)?;
@@ -299,7 +302,10 @@ impl Watch {
                 }
             })
             .collect();
-        Ok(Roster { places, events, deadlines: Some(deployment.deadlines) })
+        // A tick is as long as it was at the start, and as many skills act in it.
+        let is_same_tick = deployment.rate_hz.to_bits() == self.deployment.rate_hz.to_bits()
+            && deployment.switching.mixing == self.deployment.switching.mixing;
+        Ok(Roster { places, events, deadlines: is_same_tick.then_some(deployment.deadlines) })
     }
 
     /// Loads a skill.

@@ -9,7 +9,7 @@ mod output;
 #[cfg(test)]
 mod tests;
 
-use std::io::{self, BufRead, Write};
+use std::io::{self, BufRead, ErrorKind, Write};
 use std::ops::ControlFlow;
 
 pub use input::parse;
@@ -79,7 +79,7 @@ fn send(writer: &mut impl Write, line: &impl serde::Serialize) -> io::Result<()>
     writer.flush()
 }
 
-/// The next line without its end, `None` at the end of the stream. A line that is too long is
+/// The next line without its end, `None` at the end of the stream or where that breaks off. A line that is too long is
 /// skipped to its end and reported.
 fn read_line(
     reader: &mut impl BufRead,
@@ -88,7 +88,11 @@ fn read_line(
     line.clear();
     let mut length = 0_usize;
     loop {
-        let available = reader.fill_buf()?;
+        let available = match reader.fill_buf() {
+            // The reader was asked to end: what it has of a line is none.
+            Err(error) if error.kind() == ErrorKind::ConnectionAborted => return Ok(None),
+            available => available?,
+        };
         if available.is_empty() && length == 0 {
             return Ok(None);
         }

@@ -2,18 +2,27 @@
 
 use std::io::{self, BufRead};
 
-/// What `run --source stdio` reads: SIGINT and SIGTERM end it as the other side's hanging up does, between two reads.
+/// What `run --source stdio` reads: SIGINT and SIGTERM end it as the other side's hanging up does, before the next
+/// line. A second of them ends the process as it would without this, for a plugin that never returns.
 ///
 /// # Errors
 /// Standard input cannot be read, or the system watches no signals.
 #[cfg(unix)]
 pub(super) fn until_asked_to_end() -> io::Result<impl BufRead> {
     use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::flag;
     use signal_hook::low_level::pipe;
     use std::fs::File;
     use std::os::fd::AsFd;
     use std::os::unix::net::UnixStream;
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicBool;
 
+    let is_asked = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        flag::register_conditional_default(signal, Arc::clone(&is_asked))?;
+        flag::register(signal, Arc::clone(&is_asked))?;
+    }
     let (asked, asks) = UnixStream::pair()?;
     pipe::register(SIGINT, asks.try_clone()?)?;
     pipe::register(SIGTERM, asks)?;
@@ -48,7 +57,9 @@ mod unix {
                     // The signal itself: the next look finds what it has written.
                     Err(rustix::io::Errno::INTR) => {}
                     Err(error) => return Err(error.into()),
-                    Ok(_) if !watched[1].revents().is_empty() => return Ok(0),
+                    Ok(_) if !watched[1].revents().is_empty() => {
+                        return Err(io::ErrorKind::ConnectionAborted.into());
+                    }
                     Ok(_) => return self.stdin.read(into),
                 }
             }

@@ -231,10 +231,8 @@ impl ChildInstance {
     /// Ends the child, and what it has started.
     fn kill(&mut self) {
         let group = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
-        let killed = group.map(|group| kill_process_group(group, Signal::KILL));
-        if !matches!(killed, Some(Ok(()))) {
-            let _ = self.child.kill();
-        }
+        let _ = group.map(|group| kill_process_group(group, Signal::KILL));
+        let _ = self.child.kill();
         let _ = self.child.wait();
     }
 

@@ -64,6 +64,8 @@ fn run(instance: &mut PluginInstance, call: &mut CallBuffer) -> Result<(), Skill
 fn end_with_the_host(wire: UnixStream) -> io::Result<()> {
     std::thread::Builder::new().name("host watch".to_owned()).stack_size(64 << 10).spawn(move || {
         limits::wait_for_hang_up(&wire);
+        // With what the plugin has started; the group is this process's own.
+        let _ = rustix::process::kill_current_process_group(rustix::process::Signal::KILL);
         std::process::abort();
     })?;
     Ok(())
