@@ -163,12 +163,13 @@ fn a_signal_to_end_is_a_clean_stop() {
             .stderr(Stdio::piped())
             .spawn()
             .expect("the program starts");
-        let stdin = child.stdin.as_mut().expect("a pipe");
+        // Held to the end: to wait for a child closes what it reads from.
+        let mut stdin = child.stdin.take().expect("a pipe");
         stdin.write_all(session(0..15).as_bytes()).expect("the input is taken");
         let mut answers = BufReader::new(child.stdout.as_mut().expect("a pipe")).lines();
         assert_eq!(answers.by_ref().take(16).count(), 16, "the greeting and 15 lines");
         // It waits for the rest of a line now, and its input stays open.
-        child.stdin.as_mut().expect("a pipe").write_all(b"{\"t_s\": ").expect("the input is taken");
+        stdin.write_all(b"{\"t_s\": ").expect("the input is taken");
         let killed = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
         assert!(killed.expect("kill runs").success());
         let output = child.wait_with_output().expect("it ends");
@@ -178,6 +179,7 @@ fn a_signal_to_end_is_a_clean_stop() {
         assert!(narration.contains("p99"), "how long ticks took: {narration}");
         let written = DecisionLog::read(&log).expect("a log");
         assert_eq!((written.decisions.len(), written.truncated), (15, None), "{signal}");
+        drop(stdin);
     }
 }
 
