@@ -3,14 +3,14 @@
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 use serde_json::{Value, json};
 use vocaloco_core::decision_log::DecisionLog;
 use vocaloco_tests::{Fixture, plugin_folder, shipped, standing_line};
 
-fn vocaloco(root: &Path, arguments: &[&str], input: &str) -> Output {
-    let mut child = Command::new(plugin_folder().join("vocaloco"))
+fn start(root: &Path, arguments: &[&str]) -> Child {
+    Command::new(plugin_folder().join("vocaloco"))
         .args(arguments)
         .env("VOCALOCO_ROOT", root)
         .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
@@ -18,7 +18,11 @@ fn vocaloco(root: &Path, arguments: &[&str], input: &str) -> Output {
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
         .spawn()
-        .expect("the program starts");
+        .expect("the program starts")
+}
+
+fn vocaloco(root: &Path, arguments: &[&str], input: &str) -> Output {
+    let mut child = start(root, arguments);
     let mut stdin = child.stdin.take().expect("a pipe");
     let input = input.to_owned();
     // From a thread of its own: both pipes fill up in a long session. A program that ends early closes
@@ -152,17 +156,7 @@ fn a_signal_to_end_is_a_clean_stop() {
     let fixture = fixture();
     let log = fixture.root().join("decisions.mcap");
     for signal in ["INT", "TERM"] {
-        let mut child = Command::new(plugin_folder().join("vocaloco"))
-            .args(RUN)
-            .arg("--log")
-            .arg(&log)
-            .env("VOCALOCO_ROOT", fixture.root())
-            .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("the program starts");
+        let mut child = start(fixture.root(), &[&RUN[..], &["--log", &log.to_string_lossy()]].concat());
         // Held to the end: to wait for a child closes what it reads from.
         let mut stdin = child.stdin.take().expect("a pipe");
         stdin.write_all(session(0..15).as_bytes()).expect("the input is taken");

@@ -22,8 +22,8 @@ use crate::exit::Exit;
 /// Runs the 50 Hz loop of a deployment.
 ///
 /// `--source stdio`: one JSON object a line in, one a line out, a greeting first (docs/bridge.md); stdin's end is a
-/// clean stop, as SIGINT and SIGTERM are, and exit code 1 says that a line could not be used. `--source sim`: a course in the
-/// simulator. `--source replay:FILE`: decides the fields of a log over again and compares; exit
+/// clean stop, as SIGINT and SIGTERM are, and exit code 1 says that a line could not be used. `--source sim`: a
+/// course in the simulator. `--source replay:FILE`: decides the fields of a log over again and compares; exit
 /// code 1 when anything comes out otherwise.
 ///
 /// From stdin, and with `--real-time`, the deployment's files are followed: a skill that it names anew, or whose
