@@ -164,8 +164,7 @@ fn a_signal_to_end_is_a_clean_stop() {
         assert_eq!(answers.by_ref().take(16).count(), 16, "the greeting and 15 lines");
         // It waits for the rest of a line now, and its input stays open.
         stdin.write_all(b"{\"t_s\": ").expect("the input is taken");
-        let killed = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
-        assert!(killed.expect("kill runs").success());
+        send_signal(&child, signal);
         let output = child.wait_with_output().expect("it ends");
         let narration = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(0), "{signal}: {narration}");
@@ -175,6 +174,36 @@ fn a_signal_to_end_is_a_clean_stop() {
         assert_eq!((written.decisions.len(), written.truncated), (15, None), "{signal}");
         drop(stdin);
     }
+}
+
+/// A plugin that never returns keeps the loop from its clean stop.
+#[test]
+fn a_second_signal_ends_what_the_first_could_not() {
+    let fixture = fixture();
+    fixture.add_skill("walk", "hang", 0.99, 0.2);
+    let mut child = start(fixture.root(), &RUN);
+    let mut stdin = child.stdin.take().expect("a pipe");
+    stdin.write_all(session(0..15).as_bytes()).expect("the input is taken");
+    let mut answers = BufReader::new(child.stdout.as_mut().expect("a pipe")).lines();
+    assert_eq!(
+        answers.by_ref().take(10).count(),
+        10,
+        "the greeting, and the lines before the plugin is called"
+    );
+    let pause = || std::thread::sleep(std::time::Duration::from_millis(300));
+    pause();
+    send_signal(&child, "TERM");
+    pause();
+    assert!(child.try_wait().expect("a process").is_none(), "it waits for the plugin");
+    send_signal(&child, "TERM");
+    let ended = child.wait().expect("it ends");
+    assert!(!ended.success(), "{ended}: not the clean stop");
+    drop(stdin);
+}
+
+fn send_signal(child: &Child, signal: &str) {
+    let killed = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
+    assert!(killed.expect("kill runs").success());
 }
 
 #[test]

@@ -82,6 +82,21 @@ fn a_truncated_plugin() {
 }
 
 #[test]
+fn a_plugin_larger_than_any_is() {
+    let file = library_file_name("large");
+    let spoil = |fixture: &mut Fixture| {
+        let path = format!("plugins/{}", library_file_name("large"));
+        fixture.write(&path, b"");
+        // Sparse: it takes no room.
+        let file = fs::File::options().write(true).open(fixture.root().join(path)).expect("a file");
+        file.set_len((256 << 20) + 1).expect("a length");
+        fixture.search_first("plugins");
+        fixture.alter(MANIFEST, "\"faulty\"", "\"large\"");
+    };
+    refused(spoil, &[&file, "more than 268435456 bytes", "at most 268435456 bytes"]);
+}
+
+#[test]
 fn a_file_that_is_no_library() {
     let file = library_file_name("text");
     let spoil = |fixture: &mut Fixture| {

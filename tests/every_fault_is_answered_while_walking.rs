@@ -97,6 +97,46 @@ fn an_isolated_plugin_that_ends_its_process_grows_or_never_returns() {
     }
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn what_an_isolated_plugin_has_started_ends_with_it() {
+    let runs = |process: &str| {
+        let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
+        // One that nobody has waited for yet is left as a Z.
+        stat.rsplit_once(") ").is_some_and(|(_, state)| !state.starts_with('Z'))
+    };
+    let mut walking = Walking::at_speed("process", Isolation::Process, None);
+    let decision = walking.until_bad_is_called();
+    let words = "act: asked for a process, which is ";
+    assert_stands(&walking, &decision, Forced::Fault, words);
+    let started = decision.events.iter().find_map(|event| Some(event.split_once(words)?.1.to_owned()));
+    let started = started.expect("its number");
+    assert!(runs(&started), "{started} runs as long as the plugin does");
+    drop(walking);
+    let is_gone = (0..200).any(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+        !runs(&started)
+    });
+    assert!(is_gone, "{started} is still there");
+}
+
+/// Courses that take turns with one runtime each get the skills of a fresh one.
+#[test]
+fn an_isolated_plugin_that_has_ended_is_there_again_when_the_loop_starts_over() {
+    let mut walking = Walking::at_speed("segfault 2", Isolation::Process, None);
+    for run in 1..=3 {
+        assert_eq!(walking.until_bad_is_called().active, "bad", "run {run}");
+        assert_eq!(walking.tick().active, "bad", "run {run}");
+        let decision = walking.tick();
+        assert_stands(&walking, &decision, Forced::Fault, "its process ended by signal 11");
+        walking.runtime.restart();
+        walking.bad.set(0.1, 0.1);
+        for _ in 0..10 {
+            walking.tick();
+        }
+    }
+}
+
 #[test]
 fn an_isolated_plugin_that_hangs_in_real_time() {
     let mut walking = Walking::at_speed("spin", Isolation::Process, Some(0.7));
@@ -113,7 +153,7 @@ fn terrain_that_is_missing_stale_small_or_unknown() {
     let spoilers: [(&str, Spoiler); 6] = [
         ("found nothing", |o| o.elevation = None),
         ("0.220 s old", |o| o.elevation.as_mut().expect("terrain").t_s = o.t_s - 0.22),
-        ("height_m is 0 heights", |o| o.elevation.as_mut().expect("terrain").height_m.clear()),
+        ("height_m is 0 heights in rows of 29", |o| o.elevation.as_mut().expect("terrain").height_m.clear()),
         ("341 of 341 cells unknown", |o| o.elevation.as_mut().expect("terrain").height_m.fill(f32::NAN)),
         ("cells unknown, at most", |o| {
             let heights = &mut o.elevation.as_mut().expect("terrain").height_m;

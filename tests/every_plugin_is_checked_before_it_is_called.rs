@@ -53,6 +53,24 @@ fn the_same_bytes_are_loaded_once_wherever_they_lie() {
     assert_eq!(first.sha256().len(), 64);
 }
 
+/// Two bundles bring the same plugin along; a child loads its library from where its own skill has it.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_same_bytes_serve_an_isolated_skill_when_those_of_another_are_gone() {
+    let robot = RobotModel::load(&shipped().robots_folder(), "anymal_d").expect("the shipped robot");
+    let folders = [(); 2].map(|()| tempfile::tempdir().expect("a temporary folder"));
+    let [first, second] = folders.each_ref().map(|folder| {
+        fs::write(folder.path().join(library_file_name("faulty")), built("faulty")).expect("a written file");
+        let search_path = [folder.path().to_owned(), plugin_folder().to_owned()];
+        PluginLibrary::open_isolated(&search_path, "faulty", &|_, _| Ok(())).expect("it describes itself")
+    });
+    let [gone, _left] = folders;
+    gone.close().expect("a folder that is gone");
+    second.create("", &robot.description).expect("its own file is there");
+    let error = first.create("", &robot.description).expect_err("nothing to load").to_string();
+    assert!(error.contains(&library_file_name("faulty")) && error.contains("No such file"), "{error}");
+}
+
 #[test]
 fn a_missing_plugin_names_the_folders_searched() {
     let error = PluginLibrary::open(&path(), "no_such_plugin").expect_err("a refusal");

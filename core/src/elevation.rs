@@ -85,7 +85,11 @@ impl Elevation {
         if self.height_m.len() != rows * columns {
             return Err(ElevationError {
                 field: "height_m",
-                found: format!("{} heights", self.height_m.len()),
+                found: match self.height_m.len() {
+                    // Heights in rows of another length are another map, and none of this one.
+                    0 => format!("0 heights in rows of {columns}"),
+                    heights => format!("{heights} heights"),
+                },
                 wanted: format!("{rows} rows of {columns}"),
             });
         }

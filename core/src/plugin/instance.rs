@@ -70,6 +70,15 @@ impl PluginInstance {
         }
     }
 
+    /// Makes an instance whose process has ended anew, in another one; elsewhere there is nothing to do.
+    pub fn revive(&mut self) {
+        match &mut self.instance {
+            Instance::Here(_) => {}
+            #[cfg(target_os = "linux")]
+            Instance::Child(child) => child.revive(),
+        }
+    }
+
     /// Forget everything: called when the skill becomes active.
     ///
     /// # Errors

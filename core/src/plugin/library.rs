@@ -148,7 +148,7 @@ impl PluginLibrary {
         let (bytes, digest) = read(file)?;
         if digest != sha256 {
             let wanted = format!("SHA-256 {}, as it was when the host read it", hex(sha256));
-            return Err(PluginError::NotFound(Finding::new(file, "plugin", hex(&digest), wanted)));
+            return Err(PluginError::NotFound(Finding::new(file, "file", hex(&digest), wanted)));
         }
         Self::once(&LOADED, (PathBuf::new(), digest), file, || Self::load(file, &bytes, &digest))
     }
@@ -321,7 +321,7 @@ impl PluginLibrary {
 fn read(file: &Path) -> Result<(Vec<u8>, [u8; 32]), PluginError> {
     let wanted = format!("a readable file of at most {MAX_BYTES} bytes");
     let bytes = bytes_of(file, MAX_BYTES)
-        .map_err(|found| PluginError::NotFound(Finding::new(file, "plugin", found, wanted)))?;
+        .map_err(|found| PluginError::NotFound(Finding::new(file, "file", found, wanted)))?;
     let digest = Sha256::digest(&bytes).into();
     Ok((bytes, digest))
 }

@@ -55,6 +55,7 @@ pub(super) fn examine(
     let admit = |library: &Path, bytes: &[u8]| intake.plugin(name, library, bytes);
     let library =
         open(&installation.plugin_path_of(name), &manifest.plugin, &admit).map_err(|error| match error {
+            // No file of that name; one that cannot be read names itself.
             PluginError::NotFound(missing) if missing.field == "plugin" => {
                 let found = format!("{:?}, no {}", manifest.plugin, missing.file.display());
                 Finding::new(&file, "plugin", found, missing.wanted)

@@ -7,15 +7,6 @@ use crate::manifest::Finding;
 /// Why a robot was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotError {
-    /// The file could not be read.
-    #[error("{}: cannot be read: {source}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        #[source]
-        source: std::io::Error,
-    },
     /// The file is not the one that was locked.
     #[error("{0}")]
     Refused(Finding),

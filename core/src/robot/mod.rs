@@ -69,10 +69,8 @@ impl RobotModel {
     /// disagree: each names file, field, what was found and what would be right.
     pub fn load(robots_dir: &Path, name: &str) -> Result<Self, RobotError> {
         Self::load_by(robots_dir, name, &|path| {
-            let unreadable = |found| RobotError::Unreadable {
-                path: path.to_owned(),
-                source: std::io::Error::other(found),
-            };
+            let wanted = || format!("a readable file of at most {MAX_BYTES} bytes");
+            let unreadable = |found| RobotError::field(path, "file", found, wanted());
             bytes_of(path, MAX_BYTES).map_err(unreadable)
         })
     }

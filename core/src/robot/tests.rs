@@ -26,6 +26,14 @@ fn a_robot_that_includes_another_file_is_refused() {
 }
 
 #[test]
+fn a_robot_larger_than_any_is_refused() {
+    let line = altered("anymal_d.toml", "", &format!("# {}\n", "-".repeat(1 << 20)));
+    assert!(line.contains("anymal_d.toml: file: found more than 1048576 bytes"), "{line}");
+    let line = altered("anymal_d.xml", "<worldbody>", &format!("{}<worldbody>", " ".repeat(1 << 20)));
+    assert!(line.contains("anymal_d.xml: file: found more than 1048576 bytes"), "{line}");
+}
+
+#[test]
 fn the_shipped_robot_has_the_published_figures() {
     let robot = RobotModel::load(&robots(), "anymal_d").expect("the shipped robot");
     assert!((robot.description.mass_kg - 51.5).abs() < 1e-9, "{} kg", robot.description.mass_kg);
@@ -119,5 +127,5 @@ fn each_fault_in_a_robot_file_is_named() {
 #[test]
 fn a_missing_robot_is_named() {
     let message = RobotModel::load(&robots(), "anymal_z").expect_err("a refusal").to_string();
-    assert!(message.contains("anymal_z.toml: cannot be read"), "{message}");
+    assert!(message.contains("anymal_z.toml: file: found No such file"), "{message}");
 }

@@ -230,6 +230,9 @@ impl Runtime {
 
     /// Back to the start of the loop: standing, every skill in service, time and ticks from zero.
     pub fn restart(&mut self) {
+        for skill in &mut self.skills {
+            skill.controller.revive();
+        }
         self.selector.restart();
         self.filter = SwitchFilter::new(self.config.windows);
         self.overruns.restart();

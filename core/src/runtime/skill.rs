@@ -68,6 +68,9 @@ pub trait Controller: Send {
 
     /// Whatever computes beside the calling thread gives way to it by one real-time priority, and to no other.
     fn keep_pace(&mut self) {}
+
+    /// The loop starts over: what has ended for good in the last run is there again for the next.
+    fn revive(&mut self) {}
 }
 
 impl Controller for PluginInstance {
@@ -88,6 +91,11 @@ impl Controller for PluginInstance {
         if let Some(process) = self.process() {
             follow_closely(process);
         }
+    }
+
+    fn revive(&mut self) {
+        Self::revive(self);
+        self.keep_pace();
     }
 }
 

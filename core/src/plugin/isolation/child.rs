@@ -65,8 +65,16 @@ impl Program {
     }
 }
 
+/// What an instance is made of, and made of again.
+#[derive(Clone)]
+struct Origin {
+    program: Program,
+    start: Start,
+}
+
 /// An instance in a child process.
 pub(crate) struct ChildInstance {
+    origin: Origin,
     child: Child,
     wire: UnixStream,
     memory: SharedMemory,
@@ -84,7 +92,8 @@ impl ChildInstance {
         file: &Path,
         sha256: &[u8],
     ) -> Result<Description, PluginError> {
-        let (_, started) = Self::start(program, file, sha256, None)?;
+        let start = Start { library: path(file), sha256: sha256.to_vec(), create: None };
+        let (_, started) = Self::start(Origin { program: program.clone(), start })?;
         let description = started.description.and_then(message::Description::into_api);
         description.ok_or_else(|| PluginError::Description(nonsense(file, "describe")))
     }
@@ -98,55 +107,46 @@ impl ChildInstance {
         robot: &RobotDescription,
         policy: Option<&PolicyNetwork>,
     ) -> Result<(Self, Needs), PluginError> {
-        let create = Create {
+        let create = Some(Create {
             parameters: parameters.to_owned(),
             robot: message::Robot::of(robot),
-            policy: policy.map(|network| Policy {
-                file: network.file().to_string_lossy().into_owned(),
-                sha256: network.sha256().to_owned(),
-            }),
-        };
-        let (instance, started) = Self::start(program, file, sha256, Some(create))?;
+            policy: policy
+                .map(|network| Policy { file: path(network.file()), sha256: network.sha256().to_owned() }),
+        });
+        let start = Start { library: path(file), sha256: sha256.to_vec(), create };
+        let (instance, started) = Self::start(Origin { program: program.clone(), start })?;
         let needs = started.needs.and_then(message::Needs::into_api);
         Ok((instance, needs.ok_or_else(|| PluginError::Create(nonsense(file, "needs")))?))
     }
 
-    fn start(
-        program: &Program,
-        file: &Path,
-        sha256: &[u8],
-        create: Option<Create>,
-    ) -> Result<(Self, Started), PluginError> {
-        let cannot = |error: io::Error| {
-            let wanted = format!("{} as a process of its own", program.0.display());
-            PluginError::Create(Finding::new(file, "isolation", error, wanted))
+    fn start(origin: Origin) -> Result<(Self, Started), PluginError> {
+        let file = PathBuf::from(&origin.start.library);
+        let refuse = |found: String, wanted: &str| {
+            PluginError::Create(Finding::new(&file, "isolation", found, wanted))
         };
-        let mut instance = Self::spawn(program).map_err(cannot)?;
-        let library = file.to_string_lossy().into_owned();
-        let start = Start { library, sha256: sha256.to_vec(), create };
-        let answer = wire::send(&mut instance.wire, &start)
+        let wanted = format!("{} as a process of its own", origin.program.0.display());
+        let mut instance = Self::spawn(origin).map_err(|error| refuse(error.to_string(), &wanted))?;
+        let answer = wire::send(&mut instance.wire, &instance.origin.start)
             .and_then(|()| wire::receive::<Started>(&mut instance.wire))
             .and_then(|started| instance.wire.set_read_timeout(Some(HUNG)).map(|()| started));
         match answer {
             Ok(Started { refused: Some(refused), .. }) => {
-                let finding = Finding::new(file, refused.field, refused.found, refused.wanted);
+                let finding = Finding::new(&file, refused.field, refused.found, refused.wanted);
                 Err(PluginError::of_kind(refused.kind, finding))
             }
             Ok(started) => Ok((instance, started)),
             Err(error) => {
-                let found = instance.end(&error, START);
-                let wanted = "a plugin that loads and makes an instance";
-                Err(PluginError::Create(Finding::new(file, "isolation", found, wanted)))
+                Err(refuse(instance.end(&error, START), "a plugin that loads and makes an instance"))
             }
         }
     }
 
-    fn spawn(program: &Program) -> io::Result<Self> {
+    fn spawn(origin: Origin) -> io::Result<Self> {
         let memory = SharedMemory::new()?;
         let (wire, theirs) = UnixStream::pair()?;
         wire.set_read_timeout(Some(START))?;
         wire.set_write_timeout(Some(START))?;
-        let child = Process::new(&program.0)
+        let child = Process::new(&origin.program.0)
             .args(["plugin-host", "--memory"])
             .arg(memory.path())
             .stdin(Stdio::from(OwnedFd::from(theirs)))
@@ -155,12 +155,22 @@ impl ChildInstance {
             // With a group of its own, what a plugin starts ends with it.
             .process_group(0)
             .spawn()?;
-        Ok(Self { child, wire, memory, bytes: Vec::new(), calls: 0, ended: None })
+        Ok(Self { origin, child, wire, memory, bytes: Vec::new(), calls: 0, ended: None })
     }
 
     /// Number of the process.
     pub(crate) fn id(&self) -> u32 {
         self.child.id()
+    }
+
+    /// Starts anew what has ended, for another run that is to go as the first.
+    pub(crate) fn revive(&mut self) {
+        if self.ended.is_some() {
+            match Self::start(self.origin.clone()) {
+                Ok((again, _)) => *self = again,
+                Err(error) => self.ended = Some(error.to_string()),
+            }
+        }
     }
 
     /// See [`Skill::reset`](vocaloco_plugin_api::Skill::reset).
@@ -264,6 +274,10 @@ fn how(status: ExitStatus) -> String {
         (None, Some(code)) => format!("ended with exit code {code}"),
         (None, None) => "ended".to_owned(),
     }
+}
+
+fn path(file: &Path) -> String {
+    file.to_string_lossy().into_owned()
 }
 
 fn nonsense(file: &Path, field: &str) -> Finding {

@@ -19,6 +19,8 @@ enum Fault {
     LongError,
     SecondAnswer,
     Error,
+    /// Starts a process that outlives it, and reports an error that holds its number.
+    Process,
     Nan,
     InfiniteGain,
     OutOfRange,
@@ -133,6 +135,7 @@ impl Skill for Faulty {
             Some("long_error") => Fault::LongError,
             Some("second_answer") => Fault::SecondAnswer,
             Some("error") => Fault::Error,
+            Some("process") => Fault::Process,
             Some("nan") => Fault::Nan,
             Some("infinite_gain") => Fault::InfiniteGain,
             Some("out_of_range") => Fault::OutOfRange,
@@ -220,6 +223,10 @@ impl Skill for Faulty {
                 }
                 Fault::SecondAnswer => answer_the_host(),
                 Fault::Error => return Err(SkillError::new(ErrorCode::Internal, "asked for an error")),
+                Fault::Process => {
+                    let words = format!("asked for a process, which is {}", start_a_process());
+                    return Err(SkillError::new(ErrorCode::Internal, words));
+                }
                 Fault::Nan => joint.position_rad = f32::NAN,
                 Fault::InfiniteGain => joint.damping_nms_per_rad = f32::INFINITY,
                 Fault::OutOfRange => joint.position_rad = 50.0,
@@ -254,6 +261,13 @@ fn answer_the_host() {
     // SAFETY: descriptor 0 is open in a child, and is not closed here.
     let mut host = std::mem::ManuallyDrop::new(unsafe { std::fs::File::from_raw_fd(0) });
     drop(host.write_all(&1_u64.to_le_bytes()));
+}
+
+/// Number of a process that would still be there in a minute; 0 if there is none.
+fn start_a_process() -> u32 {
+    use std::process::{Command as Process, Stdio};
+    let started = Process::new("sleep").arg("60").stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+    started.map_or(0, |child| child.id())
 }
 
 #[allow(unsafe_code, reason = "a fault that only a process of its own survives")]
