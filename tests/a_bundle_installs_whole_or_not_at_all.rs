@@ -13,6 +13,7 @@ use vocaloco_core::installation::Installation;
 use vocaloco_core::lock::{PublicKey, SecretKey, sha256_hex};
 use vocaloco_core::plugin::library_file_name;
 use vocaloco_core::registry::load_deployment;
+use vocaloco_core::staging::Stage;
 use vocaloco_tests::{Fixture, snapshot};
 
 /// The bundle of a sound skill `hold`, in a folder of its own.
@@ -189,6 +190,19 @@ fn an_installation_that_fails_half_way_is_undone() {
     assert!(line.contains("manifests/skills/hold.toml: rename"), "{line}");
     assert_eq!(before, snapshot(fixture.root()));
     assert!(fs::read_dir(elsewhere.path()).expect("a folder").next().is_none());
+}
+
+/// A plugin's initialiser may have ended the process that installed it.
+#[cfg(unix)]
+#[test]
+fn what_a_killed_installation_has_left_goes_with_the_next_and_one_at_work_stays() {
+    let (_folder, bundle) = packed(None);
+    let (fixture, installation) = bare();
+    fixture.write(".staging-killed/skills/hold/lock.toml", b"");
+    let at_work = Stage::new(fixture.root(), Vec::new()).expect("a stage");
+    install(&installation, &bundle, &[]).expect("a sound bundle");
+    assert!(!fixture.root().join(".staging-killed").exists());
+    assert!(at_work.installation().root.exists());
 }
 
 /// What unpacks without end is read up to the limit and no further.

@@ -8,11 +8,16 @@ use std::path::{Path, PathBuf};
 use crate::installation::Installation;
 use crate::manifest::Finding;
 
-/// The folder; it vanishes with what is left in it.
+/// What stages are called; nothing else in an installation begins so.
+const PREFIX: &str = ".staging-";
+
+/// The folder; it vanishes with what is left in it. One whose process was killed goes when the next is made.
 #[derive(Debug)]
 pub struct Stage {
     installation: Installation,
     _folder: tempfile::TempDir,
+    /// Locked for as long as the stage is in use.
+    _in_use: Option<fs::File>,
 }
 
 /// Where a skill lies.
@@ -41,13 +46,15 @@ impl Stage {
     /// # Errors
     /// It cannot be written.
     pub fn new(root: &Path, plugin_path: Vec<PathBuf>) -> Result<Self, Finding> {
-        let folder = tempfile::Builder::new().prefix(".staging-").tempdir_in(root);
+        sweep(root);
+        let folder = tempfile::Builder::new().prefix(PREFIX).tempdir_in(root);
         let folder = folder.map_err(failed(root, "staging"))?;
+        let in_use = unused(folder.path());
         for part in ["manifests/skills", "skills"] {
             fs::create_dir_all(folder.path().join(part)).map_err(failed(root, "staging"))?;
         }
         let installation = Installation { root: folder.path().to_owned(), plugin_path };
-        Ok(Self { installation, _folder: folder })
+        Ok(Self { installation, _folder: folder, _in_use: in_use })
     }
 
     /// What is staged, as an installation of its own.
@@ -87,6 +94,20 @@ impl Stage {
         }
         Ok(())
     }
+}
+
+/// Removes stages that nobody uses; what cannot be removed stays.
+fn sweep(root: &Path) {
+    for entry in fs::read_dir(root).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().starts_with(PREFIX) && unused(&entry.path()).is_some() {
+            let _ = fs::remove_dir_all(entry.path());
+        }
+    }
+}
+
+/// The lock of a stage, unless another process or stage has it. Folders are locked on Unix alone.
+fn unused(stage: &Path) -> Option<fs::File> {
+    fs::File::open(stage).ok().filter(|folder| folder.try_lock().is_ok())
 }
 
 /// What a system that is called for a skill's files does not do.
