@@ -51,7 +51,7 @@ fn stop(
     let viable = Arc::new(AtomicBool::new(true));
     let controller = loaded.create(&robot.description).expect("an instance");
     let skill = Skill {
-        rule: Skill::rule_of(&loaded.manifest),
+        rule: Skill::rule_of(&loaded),
         needs: *controller.needs(),
         controller: Box::new(controller),
         predictors: Box::new(Scripted(Arc::clone(&viable))),

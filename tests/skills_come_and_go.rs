@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use vocaloco_core::bundle::{install, pack, remove};
+use vocaloco_core::decision_log::DecisionLog;
 use vocaloco_core::lock::SecretKey;
 use vocaloco_core::registry::lock_deployment;
 use vocaloco_tests::{Fixture, plugin_folder, standing_line};
@@ -132,6 +133,37 @@ fn what_is_not_sound_changes_nothing_until_it_is() {
     assert_eq!(answer["skills"]["trot"]["viable"], json!(false));
     session.until("walk drives", active("walk"));
     session.end();
+}
+
+/// Not even the order in which the skills stand, which decides between two of equal cost.
+#[test]
+fn a_deployment_that_cannot_be_read_or_is_of_another_rate_changes_no_skill() {
+    let fixture = fixture();
+    fixture.add_skill("ascend", "none", 0.5, 0.4);
+    fixture.add_skill("trot", "none", 0.99, 0.2);
+    fixture.add_deployment("stairs", &["walk", "ascend"]);
+    let log = fixture.root().join("decisions.mcap");
+    let mut session = Session::start(&fixture, &["--log", &log.to_string_lossy()]);
+    session.until("walk drives", active("walk"));
+    let says = |what: &'static str| {
+        move |answer: &Value| {
+            answer["events"].as_array().expect("events").iter().any(|event| event.to_string().contains(what))
+        }
+    };
+    fixture.write("manifests/deployments/stairs.toml", b"schema = 1\nrobot = ");
+    session.until("it says so", says("the skills go on as they were"));
+    fixture.add_deployment("stairs", &["walk", "ascend", "trot"]);
+    fixture.alter("manifests/deployments/stairs.toml", "skills", "rate_hz = 25\nskills");
+    session.until("it says so", says("rate_hz: found 25, wanted 50, until the next start"));
+    for _ in 0..20 {
+        assert_eq!(session.tick()["active"], "walk");
+    }
+    session.end();
+    let recorded = DecisionLog::read(&log).expect("a log");
+    assert!(
+        recorded.decisions.iter().all(|decision| decision.roster.is_none()),
+        "the same skills throughout"
+    );
 }
 
 #[test]

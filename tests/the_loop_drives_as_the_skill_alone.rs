@@ -40,7 +40,7 @@ fn walk_goes_the_same_way_alone_and_in_the_loop() {
     let CourseStage { terrain, mut plant } = CourseStage::set(&robot, &config).expect("a settled robot");
     let controller = loaded.create(&robot.description).expect("an instance");
     let skill = Skill {
-        rule: Skill::rule_of(&loaded.manifest),
+        rule: Skill::rule_of(&loaded),
         needs: *controller.needs(),
         controller: Box::new(controller),
         predictors: Box::new(Says::always(1.0, 0.2)),

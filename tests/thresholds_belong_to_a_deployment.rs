@@ -1,6 +1,7 @@
 //! A deployment may set viability thresholds in place of its skills' own, without touching them.
 
 use vocaloco_core::registry::load_deployment;
+use vocaloco_core::runtime::Skill;
 use vocaloco_tests::Fixture;
 
 /// A deployment of two skills, `two`.
@@ -34,9 +35,9 @@ fn a_skill_that_drives_is_not_held_to_more_than_it_begins_with() {
         "hold_thresholds = { last = 0.7, first = 0.95 }\nrobot",
     );
     let loaded = load_deployment(&fixture.installation(), "two").expect("one skill is sound");
-    let held: Vec<_> =
-        loaded.skills.iter().map(|skill| (skill.manifest.name.as_str(), skill.hold_threshold)).collect();
-    assert_eq!(held, [("last", Some(0.7))]);
+    let rules: Vec<_> = loaded.skills.iter().map(Skill::rule_of).collect();
+    let held: Vec<_> = rules.iter().map(|rule| (rule.name.as_str(), rule.hold_threshold)).collect();
+    assert_eq!(held, [("last", 0.7)]);
     let [refusal] = loaded.refused.as_slice() else { panic!("{:?}", loaded.refused) };
     let refusal = refusal.to_string();
     for part in ["first", "hold_thresholds.first", "0.95", "at most 0.9, its viability threshold"] {

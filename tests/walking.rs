@@ -96,7 +96,7 @@ impl Walking {
                 name: name.into(),
                 viability_threshold: Self::THRESHOLD,
                 hold_threshold: Self::THRESHOLD,
-                ..Skill::rule_of(&loaded.manifest)
+                ..Skill::rule_of(&loaded)
             },
             needs: *controller.needs(),
             controller: Box::new(controller),

@@ -101,6 +101,10 @@ pub struct Decision {
     pub stopped: bool,
     /// What overruled the window, if anything.
     pub forced: Option<Forced>,
+    /// Whether the active skill was bound to its target, so that stops and switches waited, whatever overruled
+    /// it besides.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub committed: bool,
     /// The choice in words.
     pub reason: String,
     /// What happened besides: faults, skills taken out of service.

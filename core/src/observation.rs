@@ -81,14 +81,47 @@ pub struct Required {
     pub base_in_odom: bool,
 }
 
+impl Required {
+    /// The same fields, by their names on a line.
+    pub fn fields(self) -> impl Iterator<Item = &'static str> {
+        let named = [
+            ("joint_torque_nm", self.joint_torques),
+            ("foot_contact", self.foot_contacts),
+            ("base_in_odom", self.base_in_odom),
+        ];
+        named.into_iter().filter_map(|(field, needed)| needed.then_some(field))
+    }
+
+    /// What an observation holds of them.
+    pub fn held_by(observation: &Observation) -> Self {
+        Self {
+            joint_torques: observation.joint_torque_nm.is_some(),
+            foot_contacts: observation.foot_contact.is_some(),
+            base_in_odom: observation.base_in_odom.is_some(),
+        }
+    }
+
+    /// What is needed here and not there.
+    #[must_use]
+    pub fn beyond(self, other: Self) -> Self {
+        Self {
+            joint_torques: self.joint_torques && !other.joint_torques,
+            foot_contacts: self.foot_contacts && !other.foot_contacts,
+            base_in_odom: self.base_in_odom && !other.base_in_odom,
+        }
+    }
+}
+
 /// How far beyond its range a joint may be measured, rad: more is of another unit or another zero.
 const BEYOND_RANGE_RAD: f64 = 1.0;
 /// How often its limit a joint's velocity may be measured as: more is of another unit.
 const BEYOND_LIMIT: f64 = 10.0;
+/// How far from the odometry frame's origin the base may be, m: targets are set in single precision.
+const FAR_M: f64 = 10_000.0;
 
 impl Observation {
     /// Checks that every array has its length, every value is a finite number, and none is of another unit: a joint
-    /// within a radian of its range and ten times its speed limit, gravity and orientation of about unit length.
+    /// within a radian of its range and ten times its speed limit, gravity of about unit length, orientation of unit length and a position near its origin.
     ///
     /// The terrain is not looked at: without it the robot stops, which is no fault of this kind.
     ///
@@ -152,16 +185,21 @@ impl Observation {
         vector("base_angular_velocity_rad_per_s", &self.base_angular_velocity)?;
         vector("projected_gravity", &self.projected_gravity)?;
         let [x, y, z] = self.projected_gravity.map(f64::from);
-        unit("projected_gravity", (x * x + y * y + z * z).sqrt())?;
+        unit("projected_gravity", (x * x + y * y + z * z).sqrt(), 0.5)?;
         vector("command.velocity", &self.command.velocity)?;
         vector("command.target", &self.command.target)?;
         match &self.base_in_odom {
             Some(base) if !base.position_m.iter().chain(&base.orientation_xyzw).all(|v| v.is_finite()) => {
                 Err(ObservationFault::new("base_in_odom", format!("{base:?}"), "finite numbers"))
             }
+            Some(base) if base.position_m.iter().any(|value| value.abs() > FAR_M) => {
+                let found = format!("{:?}", base.position_m);
+                let wanted = format!("within {FAR_M} m of an origin near by: centimetres count");
+                Err(ObservationFault::new("base_in_odom.position_m", found, wanted))
+            }
             Some(base) => {
                 let squares = base.orientation_xyzw.iter().map(|value| value * value);
-                unit("base_in_odom.orientation_xyzw", squares.sum::<f64>().sqrt())
+                unit("base_in_odom.orientation_xyzw", squares.sum::<f64>().sqrt(), 0.01)
             }
             None if required.base_in_odom => Err(missing("base_in_odom")),
             None => Ok(()),
@@ -169,9 +207,9 @@ impl Observation {
     }
 }
 
-/// A direction has length 1; noise shortens or stretches it, another unit does more.
-fn unit(field: &str, length: f64) -> Result<(), ObservationFault> {
-    if (0.5..=1.5).contains(&length) {
+/// A direction has length 1; noise shortens or stretches it by up to `slack`, another unit does more.
+fn unit(field: &str, length: f64, slack: f64) -> Result<(), ObservationFault> {
+    if (1.0 - slack..=1.0 + slack).contains(&length) {
         return Ok(());
     }
     Err(ObservationFault::new(field, format!("length {length:.3}"), "length 1: a direction without a unit"))

@@ -102,17 +102,23 @@ impl Replayer {
             if verdict.is_some_and(Reason::is_out_of_service) || forced == Some(Forced::Fallen) {
                 filter.stop_now();
                 choice = Choice::Stop;
-            } else if forced == Some(Forced::Committed) {
-                filter.count(choice, viable);
             } else if forced == Some(Forced::ZeroCommand) {
                 filter.stand_now();
-            } else if let Active::Skill(skill) = filter.step(choice, viable)
-                && let Some(why @ (Reason::PluginFailed | Reason::TooSlow)) =
-                    decision.skills.get(skill).map(|then| then.reason)
-            {
-                selector.retire(skill, why);
-                filter.stop_now();
-                choice = Choice::Stop;
+            } else {
+                // Logs from before `committed` was recorded say so where nothing else overruled the window.
+                if decision.committed || forced == Some(Forced::Committed) {
+                    filter.count(choice, viable);
+                } else {
+                    filter.step(choice, viable);
+                }
+                if let Active::Skill(skill) = filter.active()
+                    && let Some(why @ (Reason::PluginFailed | Reason::TooSlow)) =
+                        decision.skills.get(skill).map(|then| then.reason)
+                {
+                    selector.retire(skill, why);
+                    filter.stop_now();
+                    choice = Choice::Stop;
+                }
             }
         }
         let name = |skill: usize| rules[skill].name.clone();

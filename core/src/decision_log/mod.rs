@@ -215,7 +215,7 @@ const DECISION_SCHEMA: &str = r#"{"title":"vocaloco.Decision","type":"object","p
 "viable":{"type":"boolean"},
 "reason":{"type":"object","properties":{"code":{"type":"string"}}}}}},
 "choice":{"type":"string"},"active":{"type":"string"},"stopped":{"type":"boolean"},"forced":{"type":"string"},
-"reason":{"type":"string"},"events":{"type":"array","items":{"type":"string"}},
+"committed":{"type":"boolean"},"reason":{"type":"string"},"events":{"type":"array","items":{"type":"string"}},
 "roster":{"type":"array","items":{"type":"object","properties":{"name":{"type":"string"},
 "is_new":{"type":"boolean"},"viability_threshold":{"type":"number"},"hold_threshold":{"type":"number"},
 "cost_margin":{"type":"number"},

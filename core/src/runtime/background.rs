@@ -66,11 +66,53 @@ pub(super) fn return_large_blocks() {
 mod tests {
     use super::*;
 
-    /// Policy of the calling thread: field 41 of its stat.
-    fn policy() -> i32 {
-        let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
+    /// Real-time priority and policy of a thread or process: fields 40 and 41 of its stat.
+    fn scheduled(of: &str) -> [i32; 2] {
+        let stat = std::fs::read_to_string(format!("/proc/{of}/stat")).unwrap();
         let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
-        fields[38].parse().unwrap()
+        [37, 38].map(|field| fields[field].parse().unwrap())
+    }
+
+    fn policy() -> i32 {
+        scheduled("thread-self")[1]
+    }
+
+    /// Where real-time priorities are refused to this process, all of it stays as it was.
+    #[test]
+    #[allow(unsafe_code, reason = "the scheduler is reached through C alone")]
+    fn what_follows_closely_runs_one_priority_below() {
+        let outer = std::thread::spawn(|| {
+            // SAFETY: as in `give_way`.
+            let is_real_time = unsafe {
+                let mut parameters: libc::sched_param = std::mem::zeroed();
+                parameters.sched_priority = 2;
+                libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0
+            };
+            let thread = || {
+                follow_closely(0);
+                scheduled("thread-self")
+            };
+            let thread = std::thread::spawn(thread).join().unwrap();
+            let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+            follow_closely(child.id());
+            let process = scheduled(&child.id().to_string());
+            child.kill().and_then(|()| child.wait()).unwrap();
+            // From the lowest there is no way down but out of it.
+            let again = std::thread::spawn(|| {
+                follow_closely(0);
+                std::thread::spawn(|| {
+                    follow_closely(0);
+                    scheduled("thread-self")
+                })
+                .join()
+                .unwrap()
+            });
+            (is_real_time, [scheduled("thread-self"), thread, process, again.join().unwrap()])
+        });
+        let (is_real_time, found) = outer.join().unwrap();
+        let fifo =
+            |priority| if is_real_time { [priority, libc::SCHED_FIFO] } else { [0, libc::SCHED_OTHER] };
+        assert_eq!(found, [fifo(2), fifo(1), fifo(1), fifo(1)]);
     }
 
     /// The policy for batches stands for a real-time one, which takes a privilege to set.

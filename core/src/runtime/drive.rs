@@ -39,6 +39,7 @@ impl Runtime {
         } else if self.is_committed(observation) {
             let verdicts = &self.decision.skills;
             self.filter.count(choice, |skill| verdicts[skill].viable);
+            self.decision.committed = true;
             self.force(Forced::Committed);
         } else {
             let verdicts = &self.decision.skills;
@@ -68,8 +69,10 @@ impl Runtime {
     }
 
     /// What a skill is told: the command, or the way to its target, which is set when it begins or has got
-    /// there. Only a skill that would be chosen again commits itself to another.
-    fn command(&mut self, skill: usize, observation: &Observation, begins: bool) -> Command {
+    /// there. Only a skill that is chosen again commits itself to another; one that was late goes on to the one it
+    /// was bound to.
+    fn command(&mut self, skill: usize, observation: &Observation, takes_over: bool) -> Command {
+        let begins = takes_over && !self.decision.committed;
         let (asked, now_s) = (observation.command, observation.t_s);
         let rule = &self.selector.rules()[skill];
         let (Some(distance_m), Some(base)) = (rule.command.target_distance_m, observation.base_in_odom)
@@ -106,7 +109,8 @@ impl Runtime {
     /// the stand takes over.
     pub(super) fn drive(&mut self, observation: &Observation) {
         if let Active::Skill(skill) = self.filter.active() {
-            let acted = if self.is_late { Ok(None) } else { self.timed_act(skill, observation) };
+            let is_late = self.late == Some(skill);
+            let acted = if is_late { Ok(None) } else { self.timed_act(skill, observation) };
             match acted {
                 Ok(Some(())) => {
                     self.hand_over(skill, observation);
@@ -236,7 +240,9 @@ impl Runtime {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::decision_log::Setup;
     use crate::observation::BaseInOdom;
+    use crate::replay::as_recorded;
     use crate::runtime::Skill;
     use crate::runtime::fixture::{Fake, Loop, fake, skill};
     use vocaloco_plugin_api::CommandKind;
@@ -307,6 +313,60 @@ mod tests {
         assert_eq!(run.ticks(15).active, "climb", "dearer than walking, and half-way");
         at(&mut run, 1.5);
         assert_eq!(run.tick().active, "walk");
+    }
+
+    #[test]
+    fn a_committed_skill_that_was_late_goes_on_to_the_target_it_was_bound_to() {
+        let (climb, mut run) = climbing(true);
+        at(&mut run, 1.0);
+        run.ticks(20);
+        // As after a tick in which it was late.
+        run.runtime.drives = Some(Active::Stand);
+        assert_eq!(run.tick().active, "climb");
+        let [ahead_m, .., left_s] = climb.with(|script| script.told).unwrap().target;
+        assert!((ahead_m - 0.5).abs() < 1e-4 && (left_s - 1.58).abs() < 1e-4, "{ahead_m} m in {left_s} s");
+    }
+
+    #[test]
+    fn a_skill_binds_itself_anew_by_what_is_chosen_in_the_tick_that_ends_its_way() {
+        let (climb, mut run) = climbing(true);
+        run.ticks(5);
+        at(&mut run, 1.5);
+        climb.with(|script| script.prediction = Some((0.1, 0.2)));
+        assert_eq!(run.tick().choice, "walk");
+        let decision = run.tick();
+        assert_eq!((decision.active.as_str(), decision.committed), ("climb", false), "nothing binds it");
+
+        let (climb, mut run) = climbing(true);
+        climb.with(|script| script.prediction = Some((0.1, 0.2)));
+        run.ticks(5);
+        at(&mut run, 1.5);
+        climb.with(|script| script.prediction = Some((0.99, 0.2)));
+        assert_eq!(run.tick().choice, "climb");
+        assert!(run.tick().committed, "it has won again");
+    }
+
+    #[test]
+    fn a_record_of_a_committed_skill_that_fails_decides_itself_again() {
+        let (climb, mut run) = climbing(true);
+        let setup = Setup::of(&run.runtime, "test");
+        run.runtime.restart();
+        run.observation.t_s = 0.0;
+        let mut decisions = Vec::new();
+        for tick in 0..80 {
+            match tick {
+                // It goes on unviable, and walk has won the window.
+                20 => climb.with(|script| script.prediction = Some((0.1, 0.2))),
+                40 => climb.with(|script| script.fails = true),
+                _ => {}
+            }
+            decisions.push(run.tick());
+        }
+        let failed = &decisions[40];
+        assert!(failed.committed && failed.forced == Some(Forced::Fault), "{failed:?}");
+        for (again, decision) in as_recorded(&setup, &decisions).iter().zip(&decisions) {
+            assert!(again.agrees_with(decision), "tick {}: {again:?}, {decision:?}", decision.tick);
+        }
     }
 
     #[test]

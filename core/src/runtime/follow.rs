@@ -183,8 +183,8 @@ pub struct Watch {
     followed: Followed,
     deployment: Deployment,
     robot: Arc<RobotModel>,
-    /// Skills that the loop has, or is about to get, and what they were made of.
-    running: BTreeMap<String, Contents>,
+    /// Skills that the loop has, or is about to get, in its order, and what they were made of.
+    running: Vec<(String, Contents)>,
     /// The files with which each skill was last found sound or not.
     judged: BTreeMap<String, Files>,
     supervision: Option<Supervision>,
@@ -231,7 +231,7 @@ impl Watch {
         self.settling = None;
         let roster = self.take_up();
         Some(roster.unwrap_or_else(|finding| Roster {
-            places: self.running.keys().cloned().map(Place::Kept).collect(),
+            places: self.running.iter().map(|(skill, _)| Place::Kept(skill.clone())).collect(),
             events: vec![format!("{finding}; the skills go on as they were")],
             deadlines: None,
         }))
@@ -249,6 +249,7 @@ impl Watch {
             // A deployment that demands less than the one that was started takes nothing back.
             lock.check_signature(&self.deployment.trusted_keys)?;
         }
+        self.is_same_tick(&deployment)?;
         let mut events = Vec::new();
         if self.differs_otherwise(&deployment) {
             let file = deployment.file.strip_prefix(&installation.root).unwrap_or(&deployment.file);
@@ -257,7 +258,7 @@ impl Watch {
         let is_relocked = lock.is_some() && self.locked != seen.lock;
         let (mut places, mut loaded_from) = (Vec::new(), BTreeMap::new());
         for skill in &deployment.skills {
-            let running = self.running.get(skill);
+            let running = self.running.iter().find(|(name, _)| name == skill).map(|(_, made_of)| made_of);
             let runs = running.is_some();
             let is_same = seen.skills.get(skill) == self.judged.get(skill)
                 // Touched, or changed and changed back.
@@ -287,12 +288,13 @@ impl Watch {
                 Err(line) => events.push(line),
             }
         }
-        for skill in self.running.keys().filter(|skill| !deployment.skills.contains(skill)) {
+        let names = self.running.iter().map(|(skill, _)| skill);
+        for skill in names.filter(|skill| !deployment.skills.contains(skill)) {
             events.push(format!("skill {skill} is gone: its deployment names it no more"));
         }
         self.judged.clone_from(&seen.skills);
         self.locked = seen.lock;
-        let mut before = std::mem::take(&mut self.running);
+        let mut before: BTreeMap<_, _> = std::mem::take(&mut self.running).into_iter().collect();
         self.running = places
             .iter()
             .map(|place| match place {
@@ -302,10 +304,7 @@ impl Watch {
                 }
             })
             .collect();
-        // A tick is as long as it was at the start, and as many skills act in it.
-        let is_same_tick = deployment.rate_hz.to_bits() == self.deployment.rate_hz.to_bits()
-            && deployment.switching.mixing == self.deployment.switching.mixing;
-        Ok(Roster { places, events, deadlines: is_same_tick.then_some(deployment.deadlines) })
+        Ok(Roster { places, events, deadlines: Some(deployment.deadlines) })
     }
 
     /// Loads a skill.
@@ -329,6 +328,24 @@ impl Watch {
             }
             _ => Ok(skill),
         }
+    }
+
+    /// A tick is as long as it was at the start, and as many skills act in it: what fits into another, skills
+    /// and budgets, need not fit into this one.
+    ///
+    /// # Errors
+    /// It is not.
+    fn is_same_tick(&self, now: &Deployment) -> Result<(), Finding> {
+        let (started, wanted) = (&self.deployment, |value: String| format!("{value}, until the next start"));
+        let differs = if now.rate_hz.to_bits() == started.rate_hz.to_bits() {
+            (now.switching.mixing != started.switching.mixing).then(|| {
+                let [found, was] = [now, started].map(|of| of.switching.mixing.to_string());
+                ("switching.mixing", found, wanted(was))
+            })
+        } else {
+            Some(("rate_hz", now.rate_hz.to_string(), wanted(started.rate_hz.to_string())))
+        };
+        differs.map_or(Ok(()), |(field, found, wanted)| Err(Finding::new(&now.file, field, found, wanted)))
     }
 
     /// Whether more than the skills is not as at the start; budgets follow the number of skills.

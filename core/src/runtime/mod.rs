@@ -109,12 +109,14 @@ impl From<&Deployment> for RuntimeConfig {
 }
 
 /// What a tick came to.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Tick<'a> {
     /// The record.
     pub decision: &'a Decision,
     /// One target a joint, in the robot's order, to be held until the next tick.
     pub joints: &'a [JointTarget],
+    /// Why the observation could not be used, if it could not.
+    pub fault: Option<ObservationFault>,
 }
 
 /// The runtime of a deployment.
@@ -122,6 +124,8 @@ pub struct Runtime {
     robot: Arc<RobotModel>,
     config: RuntimeConfig,
     required: Required,
+    /// What the last usable observation held of that; none before the first.
+    held: Option<Required>,
     limits: Limits,
     skills: Vec<Skill>,
     selector: Selector,
@@ -132,8 +136,8 @@ pub struct Runtime {
     supervision: Option<Supervision>,
     times: TickTimes,
     overruns: Overruns,
-    /// The active skill's prediction was over its budget this tick.
-    is_late: bool,
+    /// The skill that was active at the start of this tick, if its prediction was over its budget.
+    late: Option<usize>,
     handover: Handover,
     /// Where each skill that goes to position targets is going.
     targets: Vec<Option<Way>>,
@@ -184,6 +188,7 @@ impl Runtime {
             candidate: joints.clone(),
             joints,
             required: required(&skills),
+            held: None,
             skills,
             config,
             robot,
@@ -192,7 +197,7 @@ impl Runtime {
             supervision: None,
             times: TickTimes::new(config.rate_hz),
             overruns: Overruns::new(config.rate_hz, skill_count),
-            is_late: false,
+            late: None,
             handover: Handover::default(),
             targets: vec![None; skill_count],
             mixing: false,
@@ -241,6 +246,7 @@ impl Runtime {
         self.drives = None;
         self.is_orphaned = false;
         self.last_t_s = None;
+        self.held = None;
         self.frozen.forget();
         self.ticks = 0;
     }
@@ -288,8 +294,9 @@ impl Runtime {
                 // Only the tick in which time jumps back is at fault, not all that follow.
                 self.last_t_s = Some(observation.t_s);
             }
-            return self.stand_for(&fault, began);
+            return Tick { fault: Some(fault.clone()), ..self.stand_for(&fault, began) };
         }
+        self.held = Some(Required::held_by(observation));
         let last_t_s = self.last_t_s.replace(observation.t_s);
         let (now_s, limit_s) = (self.ticks as f64 / self.config.rate_hz, self.config.frozen.measurement_s);
         if let Err(fault) = self.frozen.check(observation, now_s, self.is_driven_by_a_skill(), limit_s) {
@@ -303,18 +310,19 @@ impl Runtime {
         self.decision.field = field;
         let predicted = self.now();
 
+        self.record_choice(choice);
         self.decide(choice, observation);
         self.drive(observation);
         self.time(began, predicted);
         self.record(choice);
-        Tick { decision: &self.decision, joints: &self.joints }
+        Tick { decision: &self.decision, joints: &self.joints, fault: None }
     }
 
     /// A tick without a usable observation: the robot stands, at once.
     pub fn fault_tick(&mut self, fault: &ObservationFault) -> Tick<'_> {
         let began = self.now();
         self.follow_up();
-        self.stand_for(fault, began)
+        Tick { fault: Some(fault.clone()), ..self.stand_for(fault, began) }
     }
 
     fn stand_for(&mut self, fault: &ObservationFault, began: Option<Duration>) -> Tick<'_> {
@@ -337,7 +345,7 @@ impl Runtime {
         }
         self.time(began, began);
         self.record(Choice::Stop);
-        Tick { decision: &self.decision, joints: &self.joints }
+        Tick { decision: &self.decision, joints: &self.joints, fault: None }
     }
 
     /// Says so when this observation is much earlier or later than a tick after the last: what skills do goes by
@@ -380,35 +388,34 @@ impl Runtime {
         decision.tick = self.ticks;
         decision.command = command;
         decision.forced = None;
+        decision.committed = false;
         decision.events.clear();
         decision.events.append(&mut self.pending.events);
         decision.roster = self.pending.roster.take();
-        self.is_late = false;
+        self.late = None;
         self.ticks += 1;
+    }
+
+    fn record_choice(&mut self, choice: Choice) {
+        let name = match choice {
+            Choice::Stop => STOP,
+            Choice::Skill(skill) => &self.selector.rules()[skill].name,
+        };
+        set(&mut self.decision.choice, name);
     }
 
     fn record(&mut self, choice: Choice) {
         let choice = if self.decision.forced.is_some_and(Forced::is_stop) { Choice::Stop } else { choice };
-        let rules = self.selector.rules();
-        let name = |skill: usize| rules[skill].name.as_str();
+        self.record_choice(choice);
         let active = match self.decision.forced {
             Some(Forced::Overrun) => Active::Stand,
             _ => self.filter.active(),
         };
-        set(
-            &mut self.decision.choice,
-            match choice {
-                Choice::Stop => STOP,
-                Choice::Skill(skill) => name(skill),
-            },
-        );
-        set(
-            &mut self.decision.active,
-            match active {
-                Active::Stand => STAND,
-                Active::Skill(skill) => name(skill),
-            },
-        );
+        let name = match active {
+            Active::Stand => STAND,
+            Active::Skill(skill) => &self.selector.rules()[skill].name,
+        };
+        set(&mut self.decision.active, name);
         self.decision.stopped = self.filter.is_stopped();
         self.decision.explain(choice, active, &self.filter);
     }

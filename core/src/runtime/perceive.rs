@@ -85,7 +85,9 @@ impl Runtime {
             Some(CallFault::Failed(line)) => self.decision.events.push(line),
             Some(fault) => {
                 self.fail(index, "predict", &fault);
-                self.is_late |= self.filter.active() == Active::Skill(index);
+                if self.filter.active() == Active::Skill(index) {
+                    self.late = Some(index);
+                }
             }
             None => {}
         }

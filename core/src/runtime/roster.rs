@@ -52,9 +52,11 @@ impl Runtime {
     /// Other skills from the next tick on; those that are gone, to be dropped where time does not matter.
     ///
     /// A skill that goes on keeps its state, its place in the window and its faults. When the active one
-    /// is gone or replaced, the robot stands, as at a stop.
+    /// is gone or replaced, the robot stands, as at a stop. One that needs what observations do not hold changes
+    /// nothing: with it every one of them would be at fault.
     pub fn adopt(&mut self, roster: Roster) -> Vec<Skill> {
         let Roster { places, mut events, deadlines } = roster;
+        let (places, starved) = self.fed(places, &mut events);
         let is_here = |name: &str| self.skills.iter().any(|skill| skill.rule.name == name);
         let places: Vec<Place> = places
             .into_iter()
@@ -67,7 +69,7 @@ impl Runtime {
         if names.eq(self.skills.iter().map(|skill| Some(&skill.rule.name))) {
             self.pending.events.append(&mut events);
             self.share_time(deadlines);
-            return Vec::new();
+            return starved;
         }
         let after = places.iter().map(|place| match place {
             Place::Kept(name) => (name.as_str(), false),
@@ -115,7 +117,27 @@ impl Runtime {
             self.is_orphaned |= driver.is_none();
         }
         self.share_time(deadlines);
-        gone.into_iter().flatten().collect()
+        gone.into_iter().flatten().chain(starved).collect()
+    }
+
+    /// The places without the new skills that need what observations have not held so far, and those.
+    fn fed(&self, places: Vec<Place>, events: &mut Vec<String>) -> (Vec<Place>, Vec<Skill>) {
+        let held = self.held.unwrap_or(self.required);
+        let mut starved = Vec::new();
+        let place = |place| match place {
+            Place::New(skill) => {
+                let lacking = required(std::slice::from_ref(&skill)).beyond(held);
+                let Some(field) = lacking.fields().next() else { return Place::New(skill) };
+                let name = skill.rule.name.clone();
+                events.push(format!(
+                    "skill {name} is not taken up: {field}: found nothing in the last observation, wanted it in every one"
+                ));
+                starved.push(skill);
+                Place::Kept(name)
+            }
+            kept => kept,
+        };
+        (places.into_iter().map(place).collect(), starved)
     }
 
     /// Other budgets from now on: those of all predictions together must fit into a tick however many there are.
@@ -163,6 +185,25 @@ mod tests {
         assert_eq!(it.tick().roster, None, "said once");
         assert_eq!(it.until("trot"), 8);
         assert_eq!(walk.with(|script| script.resets), 1, "walk went on without a reset");
+    }
+
+    #[test]
+    fn a_skill_that_needs_what_no_observation_holds_changes_nothing() {
+        let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.3))]);
+        it.until("walk");
+        let starved = || {
+            let mut starved = skill("walk", &fake(0.99, 0.1));
+            starved.needs.joint_torques = true;
+            Place::New(starved)
+        };
+        assert_eq!(it.runtime.adopt(roster(vec![starved()])).len(), 1, "it is handed back");
+        let decision = it.tick();
+        assert_eq!((decision.active.as_str(), decision.roster.is_some()), ("walk", false));
+        assert!(decision.events.iter().any(|event| event.contains("joint_torque_nm: found nothing")));
+        it.observation.joint_torque_nm = Some(vec![0.0; it.observation.joint_position_rad.len()]);
+        it.tick();
+        it.runtime.adopt(roster(vec![starved()]));
+        assert_eq!(it.tick().events, ["changed", "skill walk is replaced while it drives: stop"]);
     }
 
     #[test]

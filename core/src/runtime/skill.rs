@@ -7,7 +7,6 @@ use vocaloco_plugin_api::{Command, JointTarget, Needs, RobotDescription, RobotSt
 use super::background::follow_closely;
 use super::{RuntimeError, WatchedController, WatchedPredictors};
 use crate::heightfield::Field;
-use crate::manifest::SkillManifest;
 use crate::plugin::PluginInstance;
 use crate::predictor::Predictor;
 use crate::registry::LoadedSkill;
@@ -150,8 +149,7 @@ impl Skill {
     /// # Errors
     /// The plugin refuses, or the skill lacks its predictors.
     pub fn of(loaded: LoadedSkill, robot: &RobotDescription) -> Result<Self, RuntimeError> {
-        let mut rule = Self::rule_of(&loaded.manifest);
-        rule.hold_threshold = loaded.hold_threshold.unwrap_or(rule.viability_threshold);
+        let rule = Self::rule_of(&loaded);
         let controller = Box::new(loaded.create(robot)?);
         let (Some(viability), Some(cot)) = (loaded.viability, loaded.cot) else {
             return Err(RuntimeError::NoPredictors(rule.name));
@@ -171,12 +169,14 @@ impl Skill {
         Ok(Self { controller: Box::new(controller), predictors: Box::new(predictors), needs, rule })
     }
 
-    /// The selector's rule of a manifest.
-    pub fn rule_of(manifest: &SkillManifest) -> Rule {
+    /// The selector's rule of a loaded skill, with what its deployment says of it.
+    pub fn rule_of(loaded: &LoadedSkill) -> Rule {
+        let manifest = &loaded.manifest;
+        let viability_threshold = manifest.selection.viability_threshold;
         Rule {
             name: manifest.name.clone(),
-            viability_threshold: manifest.selection.viability_threshold,
-            hold_threshold: manifest.selection.viability_threshold,
+            viability_threshold,
+            hold_threshold: loaded.hold_threshold.unwrap_or(viability_threshold),
             cost_margin: manifest.selection.cost_margin,
             command: manifest.command,
             time_limit_s: manifest.rollout.time_limit_s,

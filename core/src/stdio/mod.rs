@@ -54,17 +54,13 @@ pub fn serve(
     let mut line = Vec::new();
     while let Some(read) = read_line(&mut reader, &mut line)? {
         served.lines += 1;
-        let observed = read.and_then(|()| parse(&line, &robot.description));
-        let (tick, fault) = match observed {
-            Ok(observation) => {
-                let fault = runtime.check(&observation).err();
-                (runtime.tick(&observation), fault)
-            }
-            Err(fault) => (runtime.fault_tick(&fault), Some(fault)),
+        let tick = match read.and_then(|()| parse(&line, &robot.description)) {
+            Ok(observation) => runtime.tick(&observation),
+            Err(fault) => runtime.fault_tick(&fault),
         };
-        if let Some(fault) = fault {
+        if let Some(fault) = &tick.fault {
             served.errors += 1;
-            send(&mut writer, &ErrorLine::of(&robot.description, &fault, &tick))?;
+            send(&mut writer, &ErrorLine::of(&robot.description, fault, &tick))?;
         } else {
             send(&mut writer, &TickLine::of(&robot.description, &tick))?;
         }

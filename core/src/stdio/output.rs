@@ -40,12 +40,6 @@ impl Greeting {
     /// The greeting of a runtime.
     pub fn of(runtime: &Runtime, deployment: &str, refused: Vec<String>) -> Self {
         let robot = &runtime.robot().description;
-        let required = runtime.required();
-        let needs = [
-            ("joint_torque_nm", required.joint_torques),
-            ("foot_contact", required.foot_contacts),
-            ("base_in_odom", required.base_in_odom),
-        ];
         Self {
             deployment: deployment.to_owned(),
             robot: robot.name.to_string(),
@@ -54,7 +48,7 @@ impl Greeting {
             rate_hz: runtime.config().rate_hz,
             skills: runtime.rules().iter().map(|rule| rule.name.clone()).collect(),
             refused,
-            required: needs.iter().filter(|(_, needed)| *needed).map(|(field, _)| *field).collect(),
+            required: runtime.required().fields().collect(),
             backend: backend().name,
             backend_version: backend().version.clone(),
             version: env!("CARGO_PKG_VERSION"),

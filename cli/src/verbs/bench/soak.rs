@@ -184,7 +184,7 @@ impl<'a> Soak<'a> {
 
     fn tick(&mut self, tick: u64) -> anyhow::Result<()> {
         let (observation, wanted) = self.senses.at(tick, TICK_S * tick as f64);
-        let Tick { decision, joints } = self.runtime.tick(&observation);
+        let Tick { decision, joints, .. } = self.runtime.tick(&observation);
         self.unsound_targets += u64::from(!joints.iter().all(is_sound));
         if !is_answered(decision, wanted) {
             self.unanswered += 1;

@@ -140,7 +140,7 @@ struct Fresh {
 impl Fresh {
     fn of(loaded: LoadedDeployment) -> Self {
         Self {
-            rules: loaded.skills.iter().map(|skill| Skill::rule_of(&skill.manifest)).collect(),
+            rules: loaded.skills.iter().map(Skill::rule_of).collect(),
             config: RuntimeConfig::from(&loaded.deployment),
             networks: loaded.skills.into_iter().map(|skill| [skill.viability, skill.cot]).collect(),
             largest_error: 0.0,

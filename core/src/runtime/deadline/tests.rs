@@ -137,6 +137,18 @@ fn a_prediction_that_hangs_costs_another_skill_nothing_but_its_own_place() {
 }
 
 #[test]
+fn a_prediction_that_is_late_where_another_skill_takes_over_keeps_nobody_from_driving() {
+    let (walk, ascend, gate) = (fake(0.99, 0.2), fake(0.99, 0.9), Gate::default());
+    let mut it = walking(&walk, &ascend, Pace::Real);
+    ascend.with(|script| script.prediction = Some((0.99, 0.1)));
+    assert_eq!(it.ticks(9).active, "walk");
+    walk.with(|script| script.predict_hangs = Some(gate.clone()));
+    let decision = it.tick();
+    assert_eq!((decision.active.as_str(), decision.forced), ("ascend", None), "{decision:?}");
+    gate.open();
+}
+
+#[test]
 fn a_log_of_late_calls_replays_as_it_was_decided() {
     let (walk, gate) = (fake(0.99, 0.2), Gate::default());
     let mut it = walking(&walk, &fake(0.99, 0.9), Pace::Real);
