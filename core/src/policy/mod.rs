@@ -84,7 +84,7 @@ impl PolicyNetwork {
         let policy = guard::check_policy(bytes).map_err(refuse)?;
         let network = match Chain::of(&policy) {
             Some(chain) => Network::Chain(chain),
-            None => Network::Session(SharedSession::new(bytes, &policy).map_err(refuse)?),
+            None => Network::Session(SharedSession::new(&policy).map_err(refuse)?),
         };
         let sha256 = Sha256::digest(bytes).iter().fold(String::new(), |hex, byte| format!("{hex}{byte:02x}"));
         let shared = Shared {

@@ -17,10 +17,10 @@ pub(super) struct SharedSession {
 }
 
 impl SharedSession {
-    pub(super) fn new(bytes: &[u8], policy: &PolicyFile) -> Result<Self, Fault> {
+    pub(super) fn new(policy: &PolicyFile) -> Result<Self, Fault> {
         let fault =
             |error: ort::Error| Fault::new("model", error, format!("a model that {} loads", backend().name));
-        let session = session(bytes).map_err(fault)?;
+        let session = session(&policy.plain()).map_err(fault)?;
         let input = Tensor::from_array(([1_usize, policy.input.1], vec![0.0_f32; policy.input.1]));
         Ok(Self {
             running: Mutex::new((session, input.map_err(fault)?)),

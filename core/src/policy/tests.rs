@@ -147,7 +147,7 @@ fn a_chain_answers_as_the_onnx_runtime_does() {
         let bytes = graph.bytes();
         let network = network(&bytes);
         assert!(network.is_portable(), "graph {index} is a chain");
-        let session = SharedSession::new(&bytes, &guard::check_policy(&bytes).unwrap()).unwrap();
+        let session = SharedSession::new(&guard::check_policy(&bytes).unwrap()).unwrap();
         let mut numbers = Numbers(99);
         for _ in 0..5 {
             let input = numbers.take(network.input_len(), 2.0);
@@ -192,6 +192,48 @@ fn a_second_output_beside_the_actions_is_left_alone() {
     let input = Numbers(3).take(237, 1.0);
     assert!(with_second.is_portable() && with_second.output_len() == 12);
     assert_eq!(answer(&with_second, &input), answer(&network(&exported().bytes()), &input));
+}
+
+/// What the built-in runtime would end the process on: it is left out of what a runtime gets, or refused.
+#[test]
+fn what_a_runtime_stumbles_over_never_gets_there() {
+    let other = |spoil: fn(&mut GraphProto)| {
+        // No chain, so that the runtime computes it.
+        let mut model = exported().activation("Softplus").model();
+        let graph = model.graph.as_mut().unwrap();
+        spoil(graph);
+        PolicyNetwork::from_bytes(&model.encode_to_vec(), Path::new("policy.onnx"))
+    };
+    let sound = other(|_| {}).unwrap();
+    let input = Numbers(3).take(237, 1.0);
+    let deep: fn(&mut GraphProto) = |graph| {
+        let mut inner = value_info("v8", &[12]);
+        name_batch(&mut inner, &"(".repeat(2000));
+        graph.value_info.push(inner);
+        name_batch(&mut graph.input[0], &"-".repeat(2000));
+    };
+    let ghost: fn(&mut GraphProto) = |graph| graph.output.push(value_info("ghost", &[12]));
+    for spoil in [deep, ghost] {
+        assert_eq!(answer(&other(spoil).unwrap(), &input), answer(&sound, &input));
+    }
+    let error = other(|graph| {
+        graph.input[0].name.push('\0');
+        graph.node[0].input[0].push('\0');
+    });
+    let error = error.unwrap_err().to_string();
+    assert!(error.contains("without control characters"), "{error}");
+}
+
+/// Names the first dimension of a value.
+fn name_batch(value: &mut pb::ValueInfoProto, name: &str) {
+    use pb::tensor_shape_proto::{Dimension, dimension::Value::DimParam};
+    let Some(pb::type_proto::Value::TensorType(tensor)) =
+        value.r#type.as_mut().and_then(|it| it.value.as_mut())
+    else {
+        return;
+    };
+    let batch = Dimension { value: Some(DimParam(name.to_owned())), ..Dimension::default() };
+    tensor.shape.as_mut().unwrap().dim[0] = batch;
 }
 
 #[test]

@@ -101,7 +101,8 @@ impl Predictor {
         let known = checked.metadata.get(known_terrain::KEY);
         let known = known.map(|text| KnownTerrain::from_text(text)).transpose().map_err(refuse)?;
         // A model that cannot answer for flat ground is refused now rather than on the stairs.
-        let (evaluator, note) = Evaluator::of(bytes, &checked.graph, quantity).map_err(refuse)?;
+        let (evaluator, note) =
+            Evaluator::of(&checked.plain(quantity), &checked.graph, quantity).map_err(refuse)?;
         let sha256 = Sha256::digest(bytes).iter().fold(String::new(), |hex, byte| format!("{hex}{byte:02x}"));
         Ok(Self { file: file.to_owned(), sha256, quantity, evaluator, note, known })
     }

@@ -6,6 +6,7 @@
 //! value on the way from input to output. Only the operators of small feed-forward networks pass.
 
 mod attributes;
+mod plain;
 mod policy;
 mod shapes;
 mod tensor;
@@ -47,7 +48,7 @@ impl Fault {
         found: impl std::fmt::Display,
         wanted: impl std::fmt::Display,
     ) -> Self {
-        Self { field: field.into(), found: short(&found.to_string()), wanted: wanted.to_string() }
+        Self { field: short(&field.into()), found: short(&found.to_string()), wanted: wanted.to_string() }
     }
 }
 
@@ -63,10 +64,18 @@ fn short(text: &str) -> String {
 /// A predictor that passed.
 #[derive(Debug)]
 pub(super) struct PredictorFile {
+    shell: pb::ModelProto,
     /// Its graph, tensors included.
     pub(super) graph: pb::GraphProto,
     /// What its exporter says of it.
     pub(super) metadata: BTreeMap<String, String>,
+}
+
+impl PredictorFile {
+    /// What a runtime gets of it.
+    pub(super) fn plain(&self, quantity: Quantity) -> Vec<u8> {
+        plain::bytes(&self.shell, &self.graph, (INPUT, &[1, 1, ROWS, COLUMNS]), (quantity.output(), &[1, 1]))
+    }
 }
 
 /// Checks that `bytes` are a predictor of `quantity`.
@@ -74,12 +83,12 @@ pub(super) struct PredictorFile {
 /// # Errors
 /// The first thing that is not as it should be.
 pub(super) fn check(bytes: &[u8], quantity: Quantity) -> Result<PredictorFile, Fault> {
-    let (model, graph) = decode(bytes, MAX_BYTES)?;
+    let (mut shell, graph) = decode(bytes, MAX_BYTES)?;
     signature("input", &graph.input, INPUT, &[1, 1, ROWS, COLUMNS])?;
     signature("output", &graph.output, quantity.output(), &[1, 1])?;
     let shapes = shapes::follow(&graph, INPUT, &[1, 1, ROWS, COLUMNS])?;
     match shapes.get(quantity.output()).map(Vec::as_slice) {
-        Some([1, 1]) => Ok(PredictorFile { graph, metadata: metadata(model)? }),
+        Some([1, 1]) => Ok(PredictorFile { metadata: metadata(&mut shell)?, shell, graph }),
         found => {
             let found = format!("{}: computed as {found:?}", quantity.output());
             Err(Fault::new("output", found, "[1, 1] for one field"))
@@ -88,9 +97,9 @@ pub(super) fn check(bytes: &[u8], quantity: Quantity) -> Result<PredictorFile, F
 }
 
 /// What a model's exporter says of it, by key.
-fn metadata(model: pb::ModelProto) -> Result<BTreeMap<String, String>, Fault> {
+fn metadata(shell: &mut pb::ModelProto) -> Result<BTreeMap<String, String>, Fault> {
     let mut metadata = BTreeMap::new();
-    for entry in model.metadata_props {
+    for entry in std::mem::take(&mut shell.metadata_props) {
         if metadata.contains_key(&entry.key) {
             return Err(Fault::new("metadata_props", format!("{} twice", entry.key), "every key once"));
         }

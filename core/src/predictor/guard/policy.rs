@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use tract_onnx::pb::{self, tensor_shape_proto::dimension::Value::DimValue, type_proto::Value};
 
-use super::{FLOAT, Fault, decode, metadata, shapes};
+use super::{FLOAT, Fault, decode, metadata, plain, shapes};
 
 /// Largest file, bytes; 235 values through 512-256-128 neurons take 1.2 MB.
 pub(crate) const MAX_POLICY_BYTES: u64 = 8 << 20;
@@ -18,6 +18,7 @@ const RECURRENT: [&str; 5] = ["LSTM", "GRU", "RNN", "Scan", "Loop"];
 /// A policy network that passed.
 #[derive(Debug)]
 pub(crate) struct PolicyFile {
+    shell: pb::ModelProto,
     /// Its graph, tensors included.
     pub(crate) graph: pb::GraphProto,
     /// What its exporter says of it.
@@ -30,12 +31,20 @@ pub(crate) struct PolicyFile {
     pub(crate) shapes: BTreeMap<String, Vec<usize>>,
 }
 
+impl PolicyFile {
+    /// What a runtime gets of it.
+    pub(crate) fn plain(&self) -> Vec<u8> {
+        let ((input, values), (output, actions)) = (&self.input, &self.output);
+        plain::bytes(&self.shell, &self.graph, (input, &[1, *values]), (output, &[1, *actions]))
+    }
+}
+
 /// Checks that `bytes` are a feed-forward policy.
 ///
 /// # Errors
 /// The first thing that is not as it should be.
 pub(crate) fn check_policy(bytes: &[u8]) -> Result<PolicyFile, Fault> {
-    let (model, graph) = decode(bytes, MAX_POLICY_BYTES)?;
+    let (mut shell, graph) = decode(bytes, MAX_POLICY_BYTES)?;
     if let Some(node) = graph.node.iter().find(|node| RECURRENT.contains(&node.op_type.as_str())) {
         let wanted = "a feed-forward network: a policy that remembers is not run";
         return Err(Fault::new("node.op_type", &node.op_type, wanted));
@@ -61,7 +70,16 @@ pub(crate) fn check_policy(bytes: &[u8]) -> Result<PolicyFile, Fault> {
             return Err(Fault::new("output", found, "[1, actions]"));
         }
     };
-    Ok(PolicyFile { graph, metadata: metadata(model)?, input, output, shapes })
+    for name in [&input.0, &output.0] {
+        if name.is_empty() || name.contains(char::is_control) {
+            return Err(Fault::new(
+                "graph",
+                format!("{name:?}"),
+                "names of input and output without control characters",
+            ));
+        }
+    }
+    Ok(PolicyFile { metadata: metadata(&mut shell)?, shell, graph, input, output, shapes })
 }
 
 /// The number of values of an f32 input of shape `[1, n]` or `[N, n]`.
