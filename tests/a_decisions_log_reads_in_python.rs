@@ -61,6 +61,7 @@ fn decisions() -> Vec<Decision> {
         active: "trot".to_owned(),
         stopped: false,
         forced: None,
+        committed: true,
         reason: "the only viable skill; 3 of 10 ticks in a row, trot goes on".to_owned(),
         events: vec!["a line with \"quotes\" and → arrows".to_owned()],
         timings: Some(Timings { predict_us: 61.5, act_us: 12.0, total_us: 80.25 }),
@@ -82,6 +83,7 @@ fn decisions() -> Vec<Decision> {
         active: "stand".to_owned(),
         stopped: true,
         forced: Some(Forced::Terrain),
+        committed: false,
         timings: None,
         roster: None,
         ..whole.clone()

@@ -169,6 +169,11 @@ impl DecisionLog {
         if setup.schema != SCHEMA {
             return Err(wrong(file, SETUP, format!("schema {}", setup.schema), format!("schema {SCHEMA}")));
         }
+        // A file that is no log of ours must not make a sum of them overflow.
+        let windows = [setup.switch_window, setup.stop_window, setup.resume_window];
+        if let Some(window) = windows.into_iter().find(|window| !(1..=1000).contains(window)) {
+            return Err(wrong(file, SETUP, format!("a window of {window} ticks"), "1 to 1000 ticks"));
+        }
         let mut skills = setup.skills.len();
         for decision in &decisions {
             // From here on there are others.

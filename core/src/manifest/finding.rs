@@ -19,14 +19,15 @@ pub struct Finding {
 }
 
 impl Finding {
-    /// A finding without a line. Line breaks in `found` and `wanted` become spaces.
+    /// A finding without a line. Line breaks become spaces, other control characters vanish, and what is longer than
+    /// anybody reads is cut: fields, too, may come from a hostile file.
     pub fn new(file: &Path, field: impl Into<String>, found: impl Display, wanted: impl Display) -> Self {
         Self {
             file: file.to_owned(),
             line: None,
-            field: field.into(),
-            found: one_line(&found.to_string()),
-            wanted: one_line(&wanted.to_string()),
+            field: readable(&field.into(), FIELD_CHARS),
+            found: readable(&found.to_string(), WORDS_CHARS),
+            wanted: readable(&wanted.to_string(), WORDS_CHARS),
         }
     }
 
@@ -40,8 +41,19 @@ impl Finding {
     }
 }
 
-fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
+/// Longest field, characters.
+pub(crate) const FIELD_CHARS: usize = 120;
+/// Longest of the other words, characters.
+pub(crate) const WORDS_CHARS: usize = 2000;
+
+/// A text in one line of at most so many characters, without anything that a terminal would act on.
+pub(crate) fn readable(text: &str, most: usize) -> String {
+    let words = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let mut clean: String = words.chars().filter(|it| !it.is_control()).take(most + 1).collect();
+    if clean.chars().count() > most {
+        clean = clean.chars().take(most - 3).chain("...".chars()).collect();
+    }
+    clean
 }
 
 impl Display for Finding {

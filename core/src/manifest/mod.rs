@@ -12,6 +12,7 @@ mod skill;
 pub use deadlines::Deadlines;
 pub use deployment::{Deployment, HeightfieldLimits, MeasurementLimits};
 pub use finding::Finding;
+pub(crate) use finding::{FIELD_CHARS, WORDS_CHARS, readable};
 pub use reader::read_bounded;
 pub(crate) use reader::{MAX_BYTES, bytes_of};
 pub use skill::{CommandRange, Isolation, Models, Rollout, Selection, SkillManifest};

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::manifest::Finding;
+use crate::manifest::{FIELD_CHARS, Finding, WORDS_CHARS, readable};
 
 /// Why a robot was refused.
 #[derive(Debug, thiserror::Error)]
@@ -39,10 +39,16 @@ impl RobotError {
         found: impl Into<String>,
         wanted: impl Into<String>,
     ) -> Self {
-        Self::Field { path: path.to_owned(), field: field.into(), found: found.into(), wanted: wanted.into() }
+        let words = |text: String| readable(&text, WORDS_CHARS);
+        Self::Field {
+            path: path.to_owned(),
+            field: readable(&field.into(), FIELD_CHARS),
+            found: words(found.into()),
+            wanted: words(wanted.into()),
+        }
     }
 
     pub(super) fn malformed(path: &Path, message: &dyn std::fmt::Display) -> Self {
-        Self::Malformed { path: path.to_owned(), message: message.to_string().trim_end().replace('\n', " ") }
+        Self::Malformed { path: path.to_owned(), message: readable(&message.to_string(), WORDS_CHARS) }
     }
 }

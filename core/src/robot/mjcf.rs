@@ -1,5 +1,6 @@
 //! The part of MJCF that describes our robots, taken from the parser's tree and checked.
 
+use std::panic::catch_unwind;
 use std::path::{Path, PathBuf};
 
 use mjcf_rs::Pose;
@@ -43,8 +44,11 @@ impl File {
         super::nesting::check(&text)
             .map_err(|(found, wanted)| RobotError::field(path, "file", found, wanted))?;
         let folder = path.parent().unwrap_or(Path::new("."));
-        let model =
-            mjcf_rs::Model::from_str(&text, folder).map_err(|error| RobotError::malformed(path, &error))?;
+        // The parser is a guest here: what it trips over is a robot that is refused.
+        let parsed = catch_unwind(|| mjcf_rs::Model::from_str(&text, folder));
+        let model = parsed
+            .map_err(|_| RobotError::malformed(path, &"the parser panicked"))?
+            .map_err(|error| RobotError::malformed(path, &error))?;
         let reader = Reader { path };
         let mut bodies = Vec::new();
         for (id, entry) in model.bodies_iter() {
@@ -56,6 +60,9 @@ impl File {
         Ok(Self { path: path.to_owned(), sha256, bodies })
     }
 }
+
+/// Beyond any length, mass or inertia of a robot.
+const BEYOND: f64 = 1e6;
 
 struct Reader<'a> {
     path: &'a Path,
@@ -82,6 +89,8 @@ impl Reader<'_> {
             .inertial
             .as_ref()
             .ok_or_else(|| self.refuse(format!("{name}.inertial"), "none", "mass and inertia in the file"))?;
+        self.numbers(&format!("{name}.pos"), &body.pose.translation.to_array())?;
+        self.pose(&format!("{name}.inertial"), &inertial.pose)?;
         let hinge = self.hinge(&name, body, parent)?;
         let shapes = body.geoms.iter().map(|geom| self.shape(&name, geom)).collect::<Result<_, _>>()?;
         Ok(Body {
@@ -97,11 +106,24 @@ impl Reader<'_> {
     }
 
     fn positive(&self, field: String, value: f64) -> Result<f64, RobotError> {
-        if value > 0.0 && value.is_finite() {
+        if value > 0.0 && value < BEYOND {
             Ok(value)
         } else {
-            Err(self.refuse(field, value.to_string(), "a positive number"))
+            Err(self.refuse(field, value.to_string(), "a positive number less than a million"))
         }
+    }
+
+    /// Phrased so that what is no number fails.
+    fn numbers(&self, field: &str, values: &[f64]) -> Result<(), RobotError> {
+        if values.iter().all(|value| value.abs() < BEYOND) {
+            return Ok(());
+        }
+        Err(self.refuse(field.to_owned(), format!("{values:?}"), "finite numbers less than a million"))
+    }
+
+    fn pose(&self, of: &str, pose: &Pose) -> Result<(), RobotError> {
+        self.numbers(&format!("{of}.pos"), &pose.translation.to_array())?;
+        self.numbers(&format!("{of}.quat"), &pose.rotation.to_array())
     }
 
     fn hinge(
@@ -169,7 +191,7 @@ impl Reader<'_> {
         // Sylvester's criterion: all leading minors are positive.
         let [x, y, _] = [in_inertial.x_axis, in_inertial.y_axis, in_inertial.z_axis];
         let minors = [x.x, x.x * y.y - x.y * y.x, in_inertial.determinant()];
-        if !minors.iter().all(|&minor| minor > 0.0) {
+        if !minors.iter().all(|&minor| minor > 0.0 && minor.is_finite()) {
             return Err(self.refuse(
                 format!("{body}.inertial"),
                 format!("{:?}", inertial.inertia),
@@ -197,6 +219,7 @@ impl Reader<'_> {
             pose = Pose::from_parts((from + to) * 0.5, DQuat::from_rotation_arc(DVec3::Z, along));
             half_length_m = (to - from).length() * 0.5;
         }
+        self.pose(&name, &pose)?;
         let radius_m = self.positive(format!("{name}.size"), geom.size[0])?;
         let kind = match geom.type_ {
             GeomType::Sphere => ShapeKind::Sphere { radius_m },

@@ -27,8 +27,12 @@ pub(super) fn check(text: &str) -> Result<(), Defect> {
             let name =
                 tag.trim_start_matches('/').split(|it: char| it.is_whitespace() || "/>".contains(it)).next();
             match name.unwrap_or_default() {
-                "include" => {
-                    return Err(("include of another file".to_owned(), "the whole robot in this one"));
+                name @ ("include" | "model" | "attach") => {
+                    return Err((format!("{name} of another file"), "the whole robot in this one"));
+                }
+                // The parser takes one of any letters, of any number, and counts on three.
+                "compiler" if tag[..end].contains("eulerseq") => {
+                    return Err(("eulerseq".to_owned(), "angles about x, y and z, in this order"));
                 }
                 name if name.contains(':') => {
                     let found = format!("<{}", name.chars().take(40).collect::<String>());

@@ -59,6 +59,9 @@ pub(super) struct File {
     pub(super) stand_position_rad: BTreeMap<String, f64>,
 }
 
+/// Most feet, and most shapes of the base.
+const MAX_NAMES: usize = 100;
+
 /// The bytes of a file as text, and their SHA-256 in lowercase hex.
 pub(super) fn read_text(path: &Path, read: ReadFile<'_>) -> Result<(String, String), RobotError> {
     let bytes = read(path)?;
@@ -84,6 +87,16 @@ impl File {
         ] {
             if !(value > 0.0 && value.is_finite()) {
                 return Err(RobotError::field(path, field, value.to_string(), "a positive number"));
+            }
+        }
+        for (field, names) in [("feet", &raw.feet), ("base_shapes", &raw.base_shapes)] {
+            if names.len() > MAX_NAMES {
+                let found = format!("{} names", names.len());
+                return Err(RobotError::field(path, field, found, format!("at most {MAX_NAMES}")));
+            }
+            let twice = names.iter().enumerate().find(|(index, name)| names[..*index].contains(name));
+            if let Some((_, name)) = twice {
+                return Err(RobotError::field(path, field, format!("{name:?} twice"), "each once"));
             }
         }
         Ok(Self {

@@ -20,9 +20,50 @@ fn altered(file: &str, from: &str, to: &str) -> String {
 }
 
 #[test]
-fn a_robot_that_includes_another_file_is_refused() {
-    let line = altered("anymal_d.xml", "<worldbody>", "<include file=\"legs.xml\"/><worldbody>");
-    assert!(line.contains("anymal_d.xml: file: found include of another file"), "{line}");
+fn a_robot_that_takes_in_another_file_is_refused() {
+    let itself = "<asset><model name=\"a\" file=\"anymal_d.xml\"/></asset><worldbody>";
+    for (what, text) in [("include", "<include file=\"legs.xml\"/><worldbody>"), ("model", itself)] {
+        let line = altered("anymal_d.xml", "<worldbody>", text);
+        assert!(line.contains(&format!("anymal_d.xml: file: found {what} of another file")), "{line}");
+    }
+}
+
+#[test]
+fn what_the_parser_trips_over_is_refused() {
+    let text = "<compiler angle=\"radian\" eulerseq=\"xyzx\"/><worldbody>";
+    let line = altered("anymal_d.xml", "<worldbody>", text);
+    assert!(line.contains("anymal_d.xml: file: found eulerseq"), "{line}");
+}
+
+#[test]
+fn numbers_that_are_none_are_refused_by_field() {
+    for (from, to, field) in [("pos=\"", "pos=\"nan ", ".pos"), ("mass=\"", "mass=\"1e300", "inertial.mass")]
+    {
+        let text = fs::read_to_string(robots().join("anymal_d.xml")).expect("the shipped file");
+        // The first of a body that is not the base's, whose centre of mass is its origin.
+        let body = text.find("LF_HIP").expect("a leg");
+        let at = body + text[body..].find(from).expect("a number") + from.len();
+        let (number, _) = text[at..].split_once([' ', '"']).expect("its end");
+        let spoiled = to.strip_prefix(from).expect("as it begins");
+        let whole = format!("{}{}", &text[body..at], number);
+        let line = altered("anymal_d.xml", &whole, &format!("{}{spoiled}", &text[body..at]));
+        assert!(line.contains(field) && line.contains("less than a million"), "{line}");
+    }
+}
+
+#[test]
+fn names_that_would_be_looked_for_for_minutes_are_refused() {
+    let line = altered("anymal_d.toml", "feet = [", &format!("feet = [{}", "\"a\",".repeat(100)));
+    assert!(line.contains("anymal_d.toml: feet: found 104 names, wanted at most 100"), "{line}");
+    let line = altered("anymal_d.toml", "feet = [", "feet = [\"LF_FOOT\", ");
+    assert!(line.contains("feet: found \"LF_FOOT\" twice, wanted each once"), "{line}");
+}
+
+#[test]
+fn a_field_from_a_hostile_file_is_one_short_line() {
+    let name = format!("a&#10;\u{7f}{}", "b".repeat(9000));
+    let line = altered("anymal_d.xml", "\"LF_HIP\" pos=\"0.304", &format!("\"{name}\" pos=\"nan"));
+    assert!(line.len() < 400 && !line.contains(char::is_control), "{} bytes", line.len());
 }
 
 #[test]

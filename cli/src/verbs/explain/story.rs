@@ -100,8 +100,9 @@ pub(super) fn events(decisions: &[Decision]) -> Vec<Event> {
     let mut events: Vec<Event> = Vec::new();
     for decision in decisions {
         for event in &decision.events {
-            let repeats =
-                |before: &&mut Event| before.what == *event && before.tick + before.ticks == decision.tick;
+            let repeats = |before: &&mut Event| {
+                before.what == *event && before.tick.checked_add(before.ticks) == Some(decision.tick)
+            };
             if let Some(before) = events.last_mut().filter(repeats) {
                 before.ticks += 1;
             } else {

@@ -16,7 +16,7 @@ use vocaloco_plugin_api::{
 
 use super::frame::{Call, NO_CALL, read_answer, write_call};
 use super::memory::SharedMemory;
-use super::message::{self, Create, Policy, Start, Started};
+use super::message::{self, Create, Policy, Refused, Start, Started};
 use super::wire;
 use crate::manifest::Finding;
 use crate::plugin::PluginError;
@@ -131,8 +131,9 @@ impl ChildInstance {
             .and_then(|started| instance.wire.set_read_timeout(Some(HUNG)).map(|()| started));
         match answer {
             Ok(Started { refused: Some(refused), .. }) => {
-                let finding = Finding::new(&file, refused.field, refused.found, refused.wanted);
-                Err(PluginError::of_kind(refused.kind, finding))
+                let Refused { kind, file, field, found, wanted } = refused;
+                let finding = Finding::new(Path::new(&file), field, found, wanted);
+                Err(PluginError::of_kind(kind, finding))
             }
             Ok(started) => Ok((instance, started)),
             Err(error) => {

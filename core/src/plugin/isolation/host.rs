@@ -97,7 +97,8 @@ fn instance(
         let bytes = PolicyNetwork::read(path).map_err(|error| PluginError::Create(error.0))?;
         let found = sha256_hex(&bytes);
         if found != policy.sha256 {
-            return Err(refuse("models.policy", &found, &policy.sha256));
+            let wanted = format!("SHA-256 {}, as it was when the host read it", policy.sha256);
+            return Err(PluginError::Create(Finding::new(path, "file", found, wanted)));
         }
         PolicyNetwork::from_bytes(&bytes, path).map_err(|error| PluginError::Create(error.0))
     });
@@ -107,5 +108,6 @@ fn instance(
 fn refused(error: PluginError) -> Refused {
     let kind = error.kind();
     let finding = error.into_finding();
-    Refused { kind, field: finding.field, found: finding.found, wanted: finding.wanted }
+    let file = finding.file.to_string_lossy().into_owned();
+    Refused { kind, file, field: finding.field, found: finding.found, wanted: finding.wanted }
 }

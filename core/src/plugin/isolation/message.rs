@@ -59,6 +59,9 @@ pub(super) struct Refused {
     pub(super) found: String,
     #[prost(string, tag = "4")]
     pub(super) wanted: String,
+    /// The file at fault: the library, or the policy network that goes with it.
+    #[prost(string, tag = "5")]
+    pub(super) file: String,
 }
 
 #[derive(Clone, PartialEq, prost::Message)]

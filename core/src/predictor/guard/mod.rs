@@ -22,6 +22,7 @@ pub(crate) use tensor::floats;
 
 use super::Quantity;
 use crate::heightfield::{COLUMNS, ROWS};
+use crate::manifest::readable;
 
 /// Largest file, bytes; the network of the method has 376 kB.
 pub(crate) const MAX_BYTES: u64 = 2 << 20;
@@ -33,6 +34,9 @@ const OPSETS: std::ops::RangeInclusive<i64> = 9..=21;
 const FLOAT: i32 = 1;
 /// Name of the input.
 pub(super) const INPUT: &str = "heightfield";
+
+/// Longest name of a hostile file that is told, characters: it may be a megabyte long.
+const LONGEST_CHARS: usize = 80;
 
 /// What is wrong with a model, without the file's name.
 #[derive(Debug, PartialEq)]
@@ -48,17 +52,9 @@ impl Fault {
         found: impl std::fmt::Display,
         wanted: impl std::fmt::Display,
     ) -> Self {
-        Self { field: short(&field.into()), found: short(&found.to_string()), wanted: wanted.to_string() }
+        let short = |text: String| readable(&text, LONGEST_CHARS);
+        Self { field: short(field.into()), found: short(found.to_string()), wanted: wanted.to_string() }
     }
-}
-
-/// A name from a hostile file may be a megabyte long and hold anything.
-fn short(text: &str) -> String {
-    let mut clean: String = text.chars().filter(|c| !c.is_control()).take(81).collect();
-    if clean.chars().count() > 80 {
-        clean = clean.chars().take(77).chain("...".chars()).collect();
-    }
-    clean
 }
 
 /// A predictor that passed.
