@@ -42,8 +42,8 @@ const EXAMPLES: &str = "Examples:
 
 One more skill, touching no other (docs/add-a-skill.md):
   vocaloco skills new trot --from policy.onnx     from an exported network; without --from a plugin in Rust
-  vocaloco collect --skill trot --kind viability --samples 5000
-  vocaloco collect --skill trot --kind cot --samples 5000
+  vocaloco collect --skill trot --kind viability --samples 20000 --repeats 1 --plant fast
+  vocaloco collect --skill trot --kind cot --samples 8000 --plant fast
   vocaloco train --skill trot
 
 Exit codes: 0 fine, 1 a finding, 2 could not run.";

@@ -1,4 +1,4 @@
-//! Predicted against collected (METHOD, section 6): a skill is rolled out once from each of many
+//! Predicted against collected (docs/method.md): a skill is rolled out once from each of many
 //! fresh poses, and its predictors are asked about the very fields that those poses see.
 
 use serde::Serialize;

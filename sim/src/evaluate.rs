@@ -1,4 +1,4 @@
-//! Viability by the protocol (METHOD, section 3): one rollout per fresh pose, and what a table row
+//! Viability by the protocol (docs/method.md): one rollout per fresh pose, and what a table row
 //! says about them.
 
 use std::sync::Arc;

@@ -14,7 +14,7 @@ use crate::{
 /// Half-widths of the uniform noise on what a plugin measures.
 ///
 /// # Source
-/// `legged_gym`'s rough-terrain configuration (METHOD, section 7).
+/// `legged_gym`'s rough-terrain configuration (docs/method.md).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensorNoise {

@@ -17,7 +17,7 @@ STEP_S = 0.005
 
 
 def limit(torque, velocity, run):
-    """The drive's torque-speed limits, as METHOD.md, section 7, gives them."""
+    """The drive's torque-speed limits, as docs/method.md, gives them."""
     bound = run["effort_nm"]
     if torque * velocity > 0.0:
         line = run["saturation_nm"] * (1.0 - abs(velocity) / run["velocity_limit_rad_per_s"])

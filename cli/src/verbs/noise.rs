@@ -17,7 +17,7 @@ pub(crate) struct NoiseArgs {
 }
 
 impl NoiseArgs {
-    /// METHOD, sections 4 and 6.
+    /// As in docs/method.md.
     pub(crate) const PROTOCOL: Self = Self { field_noise_m: 0.1, patch_noise_m: 0.02 };
 
     /// Whether these are numbers to measure with.

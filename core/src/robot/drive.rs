@@ -22,7 +22,7 @@ impl Drive {
     /// A torque that is not a number becomes zero: a drive without a set point gives none.
     ///
     /// # Source
-    /// The DC motor line of legged robots' actuator models; figures in METHOD.md, section 7.
+    /// The DC motor line of legged robots' actuator models; figures in docs/method.md.
     pub fn limit(&self, torque_nm: f32, velocity_rad_per_s: f32) -> f32 {
         if torque_nm.is_nan() {
             return 0.0;

@@ -135,7 +135,7 @@ impl Runtime {
                 starved.push(skill);
                 Place::Kept(name)
             }
-            kept => kept,
+            kept @ Place::Kept(_) => kept,
         };
         (places.into_iter().map(place).collect(), starved)
     }

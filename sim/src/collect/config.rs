@@ -42,7 +42,7 @@ pub struct CollectConfig {
 }
 
 impl CollectConfig {
-    /// METHOD, section 3: ten rollouts a pose for viability, one for cost of transport.
+    /// docs/method.md: ten rollouts a pose for viability, one for cost of transport.
     pub fn new(kind: Kind, seed: u64) -> Self {
         Self {
             seed,

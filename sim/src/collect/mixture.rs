@@ -9,8 +9,8 @@ use crate::{stream::uniform, terrain::TerrainKind};
 
 /// Weights of the terrains; sizes are drawn evenly over [`TerrainKind::range_m`].
 ///
-/// The default gives flat and uneven ground, stairs up and stairs down about a third each (METHOD,
-/// section 3), and a tenth to walls and gaps. Sizes reach far beyond what any skill can do, so that
+/// The default gives flat and uneven ground, stairs up and stairs down about a third each
+/// (docs/method.md), and a tenth to walls and gaps. Sizes reach far beyond what any skill can do, so that
 /// well over 20 % of rows are beyond each skill's limit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Mixture(BTreeMap<TerrainKind, f32>);

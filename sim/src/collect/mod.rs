@@ -1,4 +1,4 @@
-//! Collection (METHOD, section 3): rows of rollouts, in shards on disk. A row depends on the
+//! Collection (docs/method.md): rows of rollouts, in shards on disk. A row depends on the
 //! configuration and its own number alone, so threads, shards and kills change no byte.
 
 mod config;

@@ -37,7 +37,7 @@ use crate::{
     terrain::{Course, CourseKind},
 };
 
-/// Forward command, m/s (METHOD, section 3).
+/// Forward command, m/s (docs/method.md).
 pub const FORWARD_M_PER_S: f32 = 0.6;
 /// Where the target lies on the far flat, from its near edge, m.
 pub const TARGET_ON_FLAT_M: f32 = 2.0;

@@ -1,5 +1,5 @@
 //! The oracle: the selector fed with what was collected instead of what is predicted, by skill, terrain
-//! under the field and size (METHOD, section 6). It shows what choosing costs apart from predicting.
+//! under the field and size (docs/method.md). It shows what choosing costs apart from predicting.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};

@@ -5,7 +5,7 @@ use vocaloco_core::decision::Decision;
 
 use crate::{occlusion::Unseen, plant::BasePose, terrain::CourseKind};
 
-/// How a course ended; the first that happens counts (METHOD, section 6).
+/// How a course ended; the first that happens counts (docs/method.md).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {

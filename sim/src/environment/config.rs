@@ -10,7 +10,7 @@ use super::reward::RewardConfig;
 use super::target::TargetRules;
 use crate::{plant::PlantKind, sensing::SensorNoise, spawn::SpawnRules, terrain::TerrainKind};
 
-/// Where and how a policy is trained. What is left out has the value of METHOD, sections 2 and 7.
+/// Where and how a policy is trained. What is left out has the value it has in docs/method.md.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct EnvironmentConfig {
@@ -64,7 +64,7 @@ pub struct EnvironmentConfig {
     /// What is rewarded.
     pub reward: RewardConfig,
     /// Observation, action and gains; by default those of the skill's manifest, and without one those of
-    /// METHOD, section 7, for the robot.
+    /// docs/method.md, for the robot.
     pub contract: Option<Contract>,
 }
 

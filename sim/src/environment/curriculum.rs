@@ -22,7 +22,7 @@ pub(super) struct Travel {
 /// down when less than `down_share` was made.
 ///
 /// # Source
-/// `legged_gym`'s terrain curriculum (METHOD, section 7), which moves up at half the tile's length.
+/// `legged_gym`'s terrain curriculum (docs/method.md), which moves up at half the tile's length.
 pub(super) fn next_level(level: u32, levels: u32, travel: &Travel, rules: CurriculumRules, draw: f32) -> u32 {
     let share = travel.distance_m / travel.commanded_m;
     let far = share >= rules.up_share || (travel.left_the_tile && share >= rules.down_share);

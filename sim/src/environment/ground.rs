@@ -165,7 +165,7 @@ fn agree_on_command(config: &EnvironmentConfig, kind: CommandKind) -> Result<(),
     }
 }
 
-/// The contract of METHOD, section 7, for a robot: proprioception, command, last action and 17 × 11
+/// The contract of docs/method.md, for a robot: proprioception, command, last action and 17 × 11
 /// heights; targets about the stand with a scale of 0.5, 80 N·m/rad and 2 N·m·s/rad.
 pub fn standard_contract(robot: &RobotModel) -> Contract {
     let joints = || robot.description.joints.iter();

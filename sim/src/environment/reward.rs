@@ -44,7 +44,7 @@ impl RewardTerm {
     /// Every term, in the order of the records, with its id and default weight.
     ///
     /// # Source
-    /// `legged_gym` (METHOD, section 7); heading, overspeed, power, stumbling and base collision are ours,
+    /// `legged_gym` (docs/method.md); heading, overspeed, power, stumbling and base collision are ours,
     /// targets after Rudin et al. (2022).
     pub const ALL: [(Self, &'static str, f32); 22] = [
         (Self::LinearVelocity, "linear_velocity", 1.0),

@@ -96,8 +96,8 @@ impl Views {
     }
 
     /// Beyond the policy's terms without noise, each about 1 in size: base height, friction, mass, motor
-    /// strength, latency; contact, time in the air and stumbling of each foot; and the heights of METHOD,
-    /// section 7, where the policy has none.
+    /// strength, latency; contact, time in the air and stumbling of each foot; and the heights of
+    /// docs/method.md, where the policy has none.
     fn add_known(&mut self, measured: &Measurement, known: &Known<'_>) {
         let privileged = &mut self.privileged;
         privileged.extend([

@@ -1,4 +1,4 @@
-//! The handover of METHOD, section 5: one skill climbs a staircase, another takes over while the hind
+//! The handover of docs/method.md: one skill climbs a staircase, another takes over while the hind
 //! feet are still on the last step, and has to clear it.
 
 mod moment;

@@ -359,7 +359,7 @@ fn velocities_are_in_the_base_frame() {
     assert!((forward - 1.0).abs() < 1e-5 && left.abs() < 1e-5, "{forward} {left}");
 }
 
-/// The ranges are ours (METHOD.md, section 7), "to be checked against self-collision".
+/// The ranges are ours (docs/method.md), "to be checked against self-collision".
 #[test]
 fn no_leg_reaches_the_base_or_a_leg_across_within_its_ranges() {
     let robot = robot();

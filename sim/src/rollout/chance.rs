@@ -58,7 +58,7 @@ impl Perturbation {
 pub struct Perturbations(BTreeSet<Perturbation>);
 
 impl Perturbations {
-    /// What the collection protocol draws (METHOD, section 3): noise, friction, mass and phase.
+    /// What the collection protocol draws (docs/method.md): noise, friction, mass and phase.
     pub fn protocol() -> Self {
         Self(Perturbation::ALL.into_iter().take(Perturbation::IN_PROTOCOL).collect())
     }

@@ -1,4 +1,4 @@
-//! One rollout of the protocol (METHOD, section 3): from a settled pose straight ahead at 0.6 m/s
+//! One rollout of the protocol (docs/method.md): from a settled pose straight ahead at 0.6 m/s
 //! until the horizon is passed, the base touches something, or time is up.
 
 mod chance;
@@ -21,7 +21,7 @@ use crate::{
     terrain::Terrain,
 };
 
-/// What a rollout asks of a skill. The default is METHOD, section 3.
+/// What a rollout asks of a skill. The default is that of docs/method.md.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RolloutRules {
@@ -141,7 +141,7 @@ impl Trial<'_> {
     /// the runtime: along that velocity, as far ahead and for as long as its manifest says.
     ///
     /// # Source
-    /// Wu et al. (2025), eq. 1, with positive power only; METHOD, sections 1 and 3.
+    /// Wu et al. (2025), eq. 1, with positive power only; docs/method.md.
     pub fn roll_on<P: Physics>(&self, plant: &mut P, chance: &Chance) -> Rollout {
         self.roll_watched(plant, chance, &mut |_| ())
     }

@@ -1,4 +1,4 @@
-//! The spawn of METHOD, section 3: a random pose aligned with the ground, one second of settling in
+//! The spawn of docs/method.md: a random pose aligned with the ground, one second of settling in
 //! the common stand, and the checks that make a pose valid. Knows no skill: the pose depends on the
 //! stream alone.
 
@@ -19,7 +19,7 @@ use crate::{
     terrain::{Terrain, Vantage},
 };
 
-/// What is drawn and what counts as valid. The default is METHOD, section 3.
+/// What is drawn and what counts as valid. The default is that of docs/method.md.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SpawnRules {

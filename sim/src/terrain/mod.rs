@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 /// Height of the floor of a gap, below where [`Heightfield`](vocaloco_core::heightfield::Heightfield)
 /// clips, m.
 pub const GAP_FLOOR_M: f32 = -1.5;
-/// Depth of a stair's tread, m (METHOD, section 7).
+/// Depth of a stair's tread, m (docs/method.md).
 pub const TREAD_M: f32 = 0.31;
 
 /// Length of a wall's top along the way, m.
@@ -82,7 +82,7 @@ impl TerrainKind {
         Self::ALL.into_iter().find(|kind| kind.id() == id)
     }
 
-    /// Sizes that data are collected over, m (METHOD, section 3, "Range").
+    /// Sizes that data are collected over, m (docs/method.md).
     pub const fn range_m(self) -> [f32; 2] {
         match self {
             Self::Flat => [0.0, 0.0],
@@ -159,7 +159,7 @@ impl Terrain {
         tile::build(kind, size_m, depth_m, seed)
     }
 
-    /// An evaluation [`Course`], its flights of `steps` steps (METHOD, section 6), from x = 0 on, centred on y = 0.
+    /// An evaluation [`Course`], its flights of `steps` steps (docs/method.md), from x = 0 on, centred on y = 0.
     pub fn course(kind: CourseKind, size_m: f32, steps: usize) -> Self {
         Course { kind, size_m, steps }.build()
     }

@@ -53,7 +53,7 @@ pub(crate) struct Args {
     shared: Shared,
 }
 
-/// METHOD, section 6: steps of 2.5 cm.
+/// docs/method.md: steps of 2.5 cm.
 const SIZES_M: &str = "0.025,0.05,0.075,0.1,0.125,0.15,0.175,0.2,0.225,0.25,0.275,0.3,0.325,0.35";
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {

@@ -43,7 +43,7 @@ pub(crate) struct Args {
     shared: Shared,
 }
 
-/// METHOD, section 6: 2.5 to 40 cm by 2.5.
+/// docs/method.md: 2.5 to 40 cm by 2.5.
 pub(super) const STAIRS_M: [f32; 16] =
     [0.025, 0.05, 0.075, 0.1, 0.125, 0.15, 0.175, 0.2, 0.225, 0.25, 0.275, 0.3, 0.325, 0.35, 0.375, 0.4];
 

@@ -17,7 +17,7 @@ use crate::{exit::Exit, output, progress, verbs::Shared};
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// `stairs_up` or `stairs_down`
+    /// `stairs_up`, `stairs_down` or `obstacles`
     #[arg(long)]
     course: CourseKind,
     /// Step height, m

@@ -1,4 +1,4 @@
-//! The paper's claims (METHOD, section 6), each beside what was measured here. A verdict is computed from
+//! The paper's claims (docs/method.md), each beside what was measured here. A verdict is computed from
 //! numbers alone, and says by which rule.
 
 mod adding;

@@ -1,4 +1,4 @@
-//! `evaluate all`: every experiment of METHOD, section 6, and the ablations, as tables, figures and one
+//! `evaluate all`: every experiment of docs/method.md, and the ablations, as tables, figures and one
 //! page that holds the paper's claims beside what was measured.
 
 mod claims;

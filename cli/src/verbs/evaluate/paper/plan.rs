@@ -42,7 +42,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// METHOD, section 6.
+    /// As in docs/method.md.
     pub(super) fn full(seed: u64) -> Self {
         Self {
             quick: false,

@@ -16,7 +16,8 @@ pub(super) fn manifest(
     format!(
         "schema = 1\nname = {}\nsummary = {}\nplugin = \"onnx\"\n\n[models]\npolicy = \"policy.onnx\"\n\
          # Written by `vocaloco train`.\nviability = \"viability.onnx\"\ncot = \"cot.onnx\"\n\n[selection]\n\
-         # `vocaloco train --write-threshold 0.01` computes one from the data.\nviability_threshold = 0.95\n\n\
+         # `vocaloco train --write-threshold 0.05` computes one from the data.\nviability_threshold = 0.95\n\
+         # Another viable skill takes over where it is cheaper by this share.\ncost_margin = 0.1\n\n\
          [command]\nkind = \"{}\"\n{command}\n\n{}",
         inline(name),
         inline(summary),

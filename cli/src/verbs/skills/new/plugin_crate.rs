@@ -52,8 +52,8 @@ pub(super) fn make(args: &Args, root: &Path) -> anyhow::Result<Exit> {
     let next = vec![
         format!("cargo test --package {package}"),
         format!("cargo build --package {package}"),
-        format!("vocaloco collect --skill {name} --kind viability --samples 5000"),
-        format!("vocaloco collect --skill {name} --kind cot --samples 5000"),
+        format!("vocaloco collect --skill {name} --kind viability --samples 20000 --repeats 1 --plant fast"),
+        format!("vocaloco collect --skill {name} --kind cot --samples 8000 --plant fast"),
         format!("vocaloco train --skill {name}"),
         format!("vocaloco skills check {name}"),
     ];

@@ -16,7 +16,7 @@ const SAFE: f64 = 0.99;
 /// What is asked for where it is safe: reached at least, stopped at most.
 const REACHED: f64 = 0.95;
 const STOPPED: f64 = 0.04;
-/// METHOD, section 3, m.
+/// As in docs/method.md, m.
 const PAPER_HORIZON_M: f32 = 1.5;
 /// Crashes allowed at every height.
 const CRASHED: f64 = 0.01;

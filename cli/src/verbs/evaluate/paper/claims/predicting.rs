@@ -9,7 +9,7 @@ use super::{Claim, Evidence, Verdict, centimetres, percent};
 
 /// A predictor whose expected calibration error is at most this can set thresholds in steps of 5 %.
 const CALIBRATED: f64 = 0.05;
-/// Skills are compared by cost where they are at least this viable (METHOD, section 6).
+/// Skills are compared by cost where they are at least this viable (docs/method.md).
 const VIABLE: f64 = 0.9;
 /// Very low steps, m.
 const LOW_M: f32 = 0.1001;
