@@ -2,13 +2,14 @@
 //! to be filled in.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::LazyLock;
 
+use vocaloco_core::manifest::{Deployment, Finding, SkillManifest};
 use vocaloco_tests::repository;
 
-const DOCUMENTS: [&str; 10] = [
+const DOCUMENTS: [&str; 12] = [
     "README.md",
     "docs/data.md",
     "docs/reproduce.md",
@@ -19,6 +20,8 @@ const DOCUMENTS: [&str; 10] = [
     "docs/paper.md",
     "docs/predictors.md",
     "docs/novelty.md",
+    "docs/manifests.md",
+    "docs/add-a-robot.md",
 ];
 
 /// Lines of the code blocks of one language.
@@ -78,6 +81,46 @@ fn the_manifest_shown_is_the_one_shipped() {
     let shown = blocks(&readme, "toml");
     let shipped = repository().join("manifests/skills/ascend.toml");
     assert_eq!(shown, [fs::read_to_string(shipped).expect("the manifest")]);
+}
+
+/// The names in backticks that a refusal of a field `unknown` offers in its place.
+fn known_fields(finding: Option<Finding>) -> Vec<String> {
+    let wanted = finding.expect("a field that nobody knows is refused").wanted;
+    wanted.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
+#[test]
+fn every_field_of_a_manifest_is_listed_and_the_example_is_read() {
+    let text = fs::read_to_string(repository().join("docs/manifests.md")).expect("docs/manifests.md");
+    let [example] = blocks(&text, "toml").try_into().expect("one example");
+    let deployment = |text: String| Deployment::parse(Path::new("manifests/deployments/one.toml"), text);
+    deployment(example.clone()).expect("the example is sound");
+    let shipped = fs::read_to_string(repository().join("manifests/skills/ascend.toml")).expect("a manifest");
+    let skill = |text: String| SkillManifest::parse(Path::new("manifests/skills/ascend.toml"), text).err();
+    let mut listed = 0;
+    for table in ["", "[heightfield]\n", "[measurement]\n", "[deadlines]\n", "[switching]\n"] {
+        let spoiled = if table.is_empty() {
+            format!("unknown = 1\n{example}")
+        } else {
+            format!("{example}\n{table}unknown = 1\n")
+        };
+        for field in known_fields(deployment(spoiled).err()) {
+            assert!(text.contains(&field), "{table}{field} of a deployment is not in docs/manifests.md");
+            listed += 1;
+        }
+    }
+    for table in ["", "[models]\n", "[selection]\n", "[command]\n", "[rollout]\n"] {
+        let spoiled = match table {
+            "" => format!("unknown = 1\n{shipped}"),
+            "[rollout]\n" => format!("{shipped}\n[rollout]\nunknown = 1\n"),
+            table => shipped.replace(table, &format!("{table}unknown = 1\n")),
+        };
+        for field in known_fields(skill(spoiled)) {
+            assert!(text.contains(&field), "{table}{field} of a skill is not in docs/manifests.md");
+            listed += 1;
+        }
+    }
+    assert!(listed > 30, "only {listed} fields were looked for");
 }
 
 #[test]
