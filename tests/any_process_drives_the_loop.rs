@@ -155,7 +155,7 @@ fn a_log_explains_and_replays_itself() {
 fn a_signal_to_end_is_a_clean_stop() {
     let fixture = fixture();
     let log = fixture.root().join("decisions.mcap");
-    for signal in ["INT", "TERM"] {
+    for signal in ["INT", "TERM", "HUP"] {
         let mut child = start(fixture.root(), &[&RUN[..], &["--log", &log.to_string_lossy()]].concat());
         // Held to the end: to wait for a child closes what it reads from.
         let mut stdin = child.stdin.take().expect("a pipe");
@@ -174,6 +174,80 @@ fn a_signal_to_end_is_a_clean_stop() {
         assert_eq!((written.decisions.len(), written.truncated), (15, None), "{signal}");
         drop(stdin);
     }
+    let aside = |number: u32| fixture.root().join(format!("decisions.{number}.mcap"));
+    assert!(aside(1).exists() && aside(2).exists() && !aside(3).exists(), "no log replaces another");
+}
+
+/// In a plugin that prints, nothing of it is between two answers, and it takes no line away.
+#[test]
+fn what_a_plugin_prints_is_no_answer_and_what_it_reads_is_no_line() {
+    let fixture = fixture();
+    fixture.add_skill("walk", "prints", 0.99, 0.2);
+    for pace in [&[][..], &["--real-time"]] {
+        let output = vocaloco(fixture.root(), &[&RUN[..], pace].concat(), &session(0..40));
+        let narration = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{narration}");
+        assert!(narration.contains("where do my words end up?"), "{narration}");
+        let lines = lines(&output);
+        assert_eq!(lines.len(), 1 + 40, "one answer a line");
+        assert_eq!((&lines[12]["active"], &lines[12]["t_s"]), (&json!("walk"), &standing_line(11)["t_s"]));
+    }
+}
+
+/// A log may have so many bytes and no more, and what is narrated goes to a full disk.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_ends_the_log_and_nothing_else() {
+    let fixture = fixture();
+    let log = fixture.root().join("decisions.mcap");
+    for pace in ["", "--real-time"] {
+        let program = plugin_folder().join("vocaloco");
+        let words = format!("{} {} --log {} {pace}", program.display(), RUN.join(" "), log.display());
+        let mut child = Command::new("sh")
+            .args(["-c", &format!("trap '' XFSZ; exec {words}")])
+            .env("VOCALOCO_ROOT", fixture.root())
+            .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(std::fs::File::options().write(true).open("/dev/full").expect("a full disk"))
+            .spawn()
+            .expect("the program starts");
+        let mut answers = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+        answers.next().expect("the greeting").expect("UTF-8");
+        let process = child.id().to_string();
+        let limited = Command::new("prlimit").args(["--pid", &process, "--fsize=400000"]).status();
+        assert!(limited.expect("prlimit runs").success());
+        let mut stdin = child.stdin.take().expect("a pipe");
+        let bridge = std::thread::spawn(move || drop(stdin.write_all(session(0..300).as_bytes())));
+        assert_eq!(answers.count(), 300, "{pace:?}: every line is answered");
+        bridge.join().expect("the input is written");
+        let output = child.wait_with_output().expect("the program ends");
+        assert_eq!(output.status.code(), Some(1), "{pace:?}: that the log is not whole is a finding");
+        let written = DecisionLog::read(&log).expect("what there was room for");
+        assert!((1..300).contains(&written.decisions.len()), "{pace:?}: {}", written.decisions.len());
+    }
+}
+
+#[test]
+fn when_nobody_reads_the_answers_the_run_ends_with_its_log_and_its_timing() {
+    let fixture = fixture();
+    let log = fixture.root().join("decisions.mcap");
+    let mut child = start(fixture.root(), &[&RUN[..], &["--log", &log.to_string_lossy()]].concat());
+    let mut stdin = child.stdin.take().expect("a pipe");
+    stdin.write_all(session(0..5).as_bytes()).expect("the input is taken");
+    let mut answers = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+    assert_eq!(answers.by_ref().take(6).count(), 6);
+    drop(answers);
+    // Whether all of it is taken depends on when the other side has seen it.
+    drop(stdin.write_all(session(5..50).as_bytes()));
+    let output = child.wait_with_output().expect("it ends");
+    let narration = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{narration}");
+    for wanted in ["nobody who reads the answers", "5 lines answered", "p99"] {
+        assert!(narration.contains(wanted), "{wanted}: {narration}");
+    }
+    let written = DecisionLog::read(&log).expect("a log");
+    assert_eq!((written.decisions.len(), written.truncated), (6, None), "the one nobody has heard included");
 }
 
 /// A plugin that never returns keeps the loop from its clean stop.

@@ -1,7 +1,10 @@
 //! The table of faults in docs/safety.md, row by row, while the simulated robot walks at 0.6 m/s: the
 //! answer comes within the tick, the record says why, and the robot stays on its feet.
 
+use std::time::Duration;
+
 use vocaloco_core::decision::{Decision, Forced};
+use vocaloco_core::elevation::Elevation;
 use vocaloco_core::manifest::Isolation;
 use vocaloco_core::observation::{BaseInOdom, Observation};
 use vocaloco_core::selector::Reason;
@@ -36,6 +39,7 @@ fn a_plugin_that_fails_or_answers_nonsense() {
         ("out_of_range", "LH_HFE: position_rad 50"),
         ("infinite_gain", "LH_HFE: damping_nms_per_rad inf"),
         ("negative_stiffness", "LH_HFE: stiffness_nm_per_rad -80"),
+        ("limp", "LF_HAA: stiffness_nm_per_rad 0, 1 to 1000 wanted"),
         ("short", "LH_HFE: position_rad NaN"),
         ("long", "act panicked: index out of bounds: the len is 12 but the index is 12"),
         ("silent", "LF_HAA: position_rad NaN"),
@@ -148,10 +152,18 @@ fn an_isolated_plugin_that_hangs_in_real_time() {
 }
 
 #[test]
-fn terrain_that_is_missing_stale_small_or_unknown() {
+fn terrain_that_is_missing_stale_of_another_size_or_frame_or_unknown() {
     type Spoiler = fn(&mut Observation);
-    let spoilers: [(&str, Spoiler); 6] = [
+    fn map(o: &mut Observation) -> &mut Elevation {
+        o.elevation.as_mut().expect("terrain")
+    }
+    let spoilers: [(&str, Spoiler); 11] = [
         ("found nothing", |o| o.elevation = None),
+        ("height_m is 1972 heights, 69 rows of 29 wanted", |o| map(o).height_m.truncate(68 * 29)),
+        ("height_m is 2002 heights, 69 rows of 29 wanted", |o| map(o).height_m.push(-0.5)),
+        ("resolution_m is 0.2", |o| map(o).resolution_m = 0.2),
+        ("front_m is 1.9", |o| map(o).front_m = 1.9),
+        ("under the base", |o| map(o).height_m.iter_mut().for_each(|height| *height += 1.0)),
         ("0.220 s old", |o| o.elevation.as_mut().expect("terrain").t_s = o.t_s - 0.22),
         ("height_m is 0 heights in rows of 29", |o| o.elevation.as_mut().expect("terrain").height_m.clear()),
         ("341 of 341 cells unknown", |o| o.elevation.as_mut().expect("terrain").height_m.fill(f32::NAN)),
@@ -185,7 +197,11 @@ fn terrain_that_is_missing_stale_small_or_unknown() {
 #[test]
 fn a_measurement_that_is_no_number_missing_from_the_past_or_of_another_unit() {
     type Spoiler = fn(&mut Observation);
-    let spoilers: [(&str, Spoiler); 7] = [
+    let spoilers: [(&str, Spoiler); 8] = [
+        ("base_in_odom.position_m: found [0.0, 10001.0, 0.0]", |o| {
+            let orientation_xyzw = [0.0, 0.0, 0.0, 1.0];
+            o.base_in_odom = Some(BaseInOdom { position_m: [0.0, 10_001.0, 0.0], orientation_xyzw });
+        }),
         ("joint_velocity_rad_per_s.RF_HFE: found NaN", |o| o.joint_velocity_rad_per_s[4] = f32::NAN),
         ("projected_gravity[1]: found inf", |o| o.projected_gravity[1] = f32::INFINITY),
         ("joint_position_rad: found 11 values", |o| o.joint_position_rad.truncate(11)),
@@ -275,6 +291,39 @@ fn a_prediction_that_is_no_number() {
         assert_eq!(walking.tick().active, "stand", "no skill is left that is viable");
     }
     assert!(walking.is_on_its_feet());
+}
+
+#[test]
+fn a_prediction_over_its_budget_in_real_time() {
+    let budget_s = 0.7;
+    let mut walking = Walking::at_speed("none", Isolation::None, Some(budget_s));
+    walking.walk.take(Duration::from_secs_f64(10.0 * budget_s));
+    let late = "skill walk is late: predict: found no answer, wanted one within 700.0 ms";
+    for _ in 0..2 {
+        let decision = walking.tick();
+        assert_stands(&walking, &decision, Forced::Overrun, late);
+        assert!(!decision.skills[0].viable, "{decision:?}");
+    }
+    let third = walking.tick();
+    assert_stands(&walking, &third, Forced::Fault, "skill walk is taken out of service: predict: ");
+    assert_eq!(third.skills[0].reason, Reason::TooSlow);
+    for _ in 0..50 {
+        assert_eq!(walking.tick().active, "stand", "no skill is left that is viable");
+    }
+    assert!(walking.is_on_its_feet());
+}
+
+#[test]
+fn terrain_unlike_any_that_the_predictors_were_fitted_to() {
+    let mut walking = Walking::at_speed("none", Isolation::None, None);
+    walking.walk.find_strange(Some(1.4));
+    let first = walking.tick();
+    let unknown = Reason::UnknownTerrain { strangeness: 1.4 };
+    assert_eq!((first.choice.as_str(), first.skills[0].reason), ("stop", unknown), "in the same tick");
+    assert_eq!((2..=60).find(|_| walking.tick().active == "stand"), Some(10), "through the window");
+    assert!(walking.stands());
+    walking.walk.find_strange(Some(0.3));
+    assert_walks_on(&mut walking, "it is known again: never taken out");
 }
 
 #[test]

@@ -236,6 +236,60 @@ fn a_deployment_that_demands_a_signature_goes_on_demanding_it() {
     session.end();
 }
 
+/// The change that comes before its lock is refused by the old one, and taken under the new.
+#[test]
+fn under_a_lock_a_changed_skill_is_taken_up_with_the_lock_that_comes_after_it() {
+    let fixture = fixture();
+    let relock = || {
+        lock_deployment(&fixture.installation(), "stairs").expect("sound").write(None).expect("a lock");
+    };
+    relock();
+    let mut session = Session::start(&fixture, &["--locked"]);
+    session.until("walk drives", active("walk"));
+    fixture.alter("manifests/skills/walk.toml", "0.9", "1.0");
+    let refused = |answer: &Value| answer["events"].to_string().contains("it goes on as it was");
+    assert_eq!(session.until("its bytes are not the lock's", refused)["active"], "walk");
+    relock();
+    let held = |answer: &Value| answer["skills"]["walk"]["viable"] == json!(false);
+    session.until("it is held to its new threshold", held);
+    session.end();
+}
+
+#[test]
+fn a_skill_refused_for_a_threshold_of_the_deployment_comes_when_that_is_mended() {
+    let fixture = fixture();
+    let mut session = Session::start(&fixture, &[]);
+    session.until("walk drives", active("walk"));
+    fixture.add_skill("trot", "none", 0.99, 0.2);
+    fixture.add_deployment("stairs", &["walk", "trot"]);
+    let file = "manifests/deployments/stairs.toml";
+    let text = std::fs::read_to_string(fixture.root().join(file)).expect("a deployment");
+    fixture.write(file, format!("{text}\n[hold_thresholds]\ntrot = 0.95\n").as_bytes());
+    let refused = |answer: &Value| answer["events"].to_string().contains("hold_thresholds.trot");
+    let answer = session.until("its threshold to go on is above that to begin", refused);
+    assert!(answer["active"] == "walk" && !knows(&answer, "trot"), "{answer}");
+    fixture.write(file, format!("{text}\n[hold_thresholds]\ntrot = 0.85\n").as_bytes());
+    session.until("it drives once that is mended", active("trot"));
+    session.end();
+}
+
+/// It would have ended the loop: the library is sound and here already, its instance is not.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_skill_that_ends_the_process_that_makes_it_does_not_end_the_loop() {
+    let fixture = fixture();
+    let mut session = Session::start(&fixture, &[]);
+    session.until("walk drives", active("walk"));
+    fixture.add_skill("trot", "abort_in_create", 0.99, 0.2);
+    fixture.add_deployment("stairs", &["walk", "trot"]);
+    let answer = session.until("it is refused", |answer| answer["events"] != json!([]));
+    let event = answer["events"][0].as_str().expect("a line");
+    assert!(event.contains("skill trot is refused") && event.contains("ended by signal 6"), "{event}");
+    fixture.add_skill("trot", "none", 0.99, 0.2);
+    session.until("it drives once it is mended", active("trot"));
+    session.end();
+}
+
 /// The plugin's library with one bit changed, where that ends the process that loads it.
 #[cfg(target_os = "linux")]
 fn deadly() -> Vec<u8> {

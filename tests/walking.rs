@@ -1,6 +1,7 @@
 //! A simulated robot that walks by the runtime, and a second skill that a test lets loose on it.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use vocaloco_core::decision::Decision;
 use vocaloco_core::heightfield::Field;
@@ -24,26 +25,41 @@ use crate::shipped;
 
 const MAP: TerrainPatch = TerrainPatch { back_m: 1.2, front_m: 2.2, half_width_m: 0.7, resolution_m: 0.05 };
 
-/// What a skill's stand-in predictors say, viability and cost of transport; the test changes it.
+/// What a skill's stand-in predictors say; the test changes it.
 #[derive(Clone)]
-pub struct Says(Arc<Mutex<(f32, f32)>>);
+pub struct Says(Arc<Mutex<(Prediction, Duration)>>);
 
 impl Says {
     /// Viability and cost of transport, until they are [`set`](Self::set) otherwise.
     pub fn always(viability: f32, cot: f32) -> Self {
-        Self(Arc::new(Mutex::new((viability, cot))))
+        Self(Arc::new(Mutex::new((Prediction::of(viability, cot), Duration::ZERO))))
+    }
+
+    fn now(&self) -> std::sync::MutexGuard<'_, (Prediction, Duration)> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// From now on.
     pub fn set(&self, viability: f32, cot: f32) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (viability, cot);
+        self.now().0 = Prediction::of(viability, cot);
+    }
+
+    /// From now on the terrain is as unlike any that they were fitted to as this.
+    pub fn find_strange(&self, strangeness: Option<f32>) {
+        self.now().0.strangeness = strangeness;
+    }
+
+    /// From now on they take their time.
+    pub fn take(&self, time: Duration) {
+        self.now().1 = time;
     }
 }
 
 impl Predict for Says {
     fn predict(&mut self, _: &Field) -> (Prediction, Option<CallFault>) {
-        let (viability, cot) = *self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        (Prediction::of(viability, cot), None)
+        let (prediction, time) = *self.now();
+        std::thread::sleep(time);
+        (prediction, None)
     }
 }
 

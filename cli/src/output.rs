@@ -1,13 +1,54 @@
 //! The one door to stdout: results only, and a reader that hangs up is an error, never a panic.
 
+use std::fs::File;
 use std::io::{self, ErrorKind, Write};
+use std::sync::OnceLock;
+
+/// Stdout as this program was given it, once it keeps it for itself.
+static OWN: OnceLock<File> = OnceLock::new();
+
+/// Keeps stdout for results: what else in this process prints there, a plugin or a library, goes to stderr from now on,
+/// not between two lines of a result.
+///
+/// # Errors
+/// The system gives no other descriptor for it.
+#[cfg(unix)]
+pub(crate) fn keep_for_results() -> io::Result<()> {
+    use std::os::fd::AsFd;
+    let own = io::stdout().as_fd().try_clone_to_owned()?;
+    rustix::stdio::dup2_stdout(io::stderr())?;
+    let _ = OWN.set(own.into());
+    Ok(())
+}
+
+/// Elsewhere stdout is everyone's.
+///
+/// # Errors
+/// Never.
+#[cfg(not(unix))]
+pub(crate) fn keep_for_results() -> io::Result<()> {
+    Ok(())
+}
+
+/// Stdout, for lines that are flushed one by one.
+pub(crate) fn results() -> Box<dyn Write> {
+    match OWN.get() {
+        Some(own) => Box::new(io::BufWriter::with_capacity(64 << 10, own)),
+        None => Box::new(io::stdout().lock()),
+    }
+}
+
+/// Says a line to people. A stderr that takes nothing, a full disk's or one that nobody reads, ends nothing else.
+pub(crate) fn narrate(line: impl std::fmt::Display) {
+    let _ = writeln!(io::stderr(), "{line}");
+}
 
 /// Writes one line of result.
 ///
 /// # Errors
 /// When stdout does not take it; `main` treats a closed pipe as a quiet end.
 pub(crate) fn line(text: &str) -> io::Result<()> {
-    let mut stdout = io::stdout().lock();
+    let mut stdout = results();
     stdout.write_all(text.as_bytes())?;
     stdout.write_all(b"\n")?;
     stdout.flush()

@@ -11,6 +11,8 @@ use std::sync::Arc;
 
 use vocaloco_plugin_api::{Needs, RobotDescription};
 
+#[cfg(target_os = "linux")]
+use crate::heightfield::{COLUMNS, Heightfield, ROWS};
 use crate::installation::Installation;
 use crate::lock::{Intake, Lock};
 use crate::manifest::{Deployment, Finding, MAX_BYTES, SkillManifest, is_snake_case};
@@ -69,6 +71,12 @@ pub struct Refusal {
     pub skill: String,
     /// What is wrong with it.
     pub finding: Finding,
+}
+
+impl Refusal {
+    pub(crate) fn of(installation: &Installation, skill: &str, finding: Finding) -> Self {
+        Self { skill: skill.to_owned(), finding: finding.relative_to(&installation.root) }
+    }
 }
 
 /// A deployment and those of its skills that are sound, in its order.
@@ -194,6 +202,30 @@ pub(crate) fn load_deployed(
         .and_then(|loaded| with_thresholds(installation, deployment, loaded))
 }
 
+/// Does all that loading a skill of a running deployment does, and asks its predictors once; what comes of it is
+/// dropped. For a process that may end of it.
+#[cfg(target_os = "linux")]
+pub(crate) fn try_deployed(
+    installation: &Installation,
+    deployment: &str,
+    skill: &str,
+    is_locked: bool,
+    robot: &RobotDescription,
+) {
+    let lock = if is_locked { Lock::read(installation, deployment).map(Some) } else { Ok(None) };
+    let loaded = lock.and_then(|lock| {
+        let intake = Intake::of(&installation.root, lock.as_ref());
+        let deployment = deployment_through(installation, deployment, &intake)?;
+        load_deployed(installation, &deployment, skill, robot, &intake).map_err(|refusal| refusal.finding)
+    });
+    if let Ok(LoadedSkill { viability: Some(viability), cot: Some(cot), .. }) = loaded {
+        let flat = Heightfield { cells_m: [[0.0; COLUMNS]; ROWS] }.prepare(None);
+        if let Ok(flat) = flat {
+            let _ = [viability, cot].map(|mut predictor| predictor.predict(&flat).ok());
+        }
+    }
+}
+
 /// The skill under the thresholds that the deployment sets for it.
 fn with_thresholds(
     installation: &Installation,
@@ -250,8 +282,7 @@ pub fn load_skill(
 }
 
 fn first(installation: &Installation, skill: &str, mut findings: Vec<Finding>) -> Refusal {
-    let finding = findings.swap_remove(0).relative_to(&installation.root);
-    Refusal { skill: skill.to_owned(), finding }
+    Refusal::of(installation, skill, findings.swap_remove(0))
 }
 
 /// All that is wrong with a skill; nothing when it is sound. A sound one is also driven for a moment, to

@@ -9,7 +9,7 @@ use std::time::Instant;
 
 use anyhow::Context as _;
 use serde::Serialize;
-use vocaloco_core::{installation::Installation, predictor, registry::load_deployment};
+use vocaloco_core::{installation::Installation, predictor, registry::load_deployment, runtime::TickSummary};
 use vocaloco_sim::course::{CourseRun, Outcome, Switch};
 use vocaloco_sim::terrain::CourseKind;
 
@@ -80,6 +80,8 @@ struct CourseRow {
     expected: String,
     as_expected: bool,
     note: String,
+    /// What ticks took on this machine; nothing else here depends on it.
+    timing: TickSummary,
 }
 
 impl CourseRow {
@@ -96,6 +98,7 @@ impl CourseRow {
             expected: driven.story.expected.clone().unwrap_or_default(),
             as_expected: driven.story.as_expected,
             note: driven.note.clone(),
+            timing: driven.timing.clone(),
         }
     }
 }
@@ -171,6 +174,9 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         output::json(&summary)?;
     } else {
         print(&summary, &driven, &page)?;
+        for Driven { run, timing, .. } in &driven {
+            output::narrate(format_args!("{} of {:.0} cm: {timing}", run.kind.id(), run.size_m * 100.0));
+        }
     }
     Ok(if as_expected { Exit::Fine } else { Exit::Finding })
 }

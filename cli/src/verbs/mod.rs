@@ -28,6 +28,7 @@ mod skills;
 use clap::Subcommand;
 
 use crate::exit::Exit;
+use crate::output;
 
 /// What every verb takes: `#[command(flatten)] shared: Shared`.
 #[derive(clap::Args, Clone, Copy, Debug)]
@@ -74,6 +75,9 @@ pub(crate) enum Verb {
 
 impl Verb {
     pub(crate) fn run(self) -> anyhow::Result<Exit> {
+        if !matches!(self, Self::Train(_) | Self::TrainPolicy(_)) {
+            output::keep_for_results()?;
+        }
         match self {
             #[cfg(feature = "sim")]
             Self::Demo(args) => demo::run(args),

@@ -18,6 +18,7 @@ use vocaloco_core::runtime::{Followed, Follower, Runtime};
 
 use super::Shared;
 use crate::exit::Exit;
+use crate::output;
 
 /// Runs the 50 Hz loop of a deployment.
 ///
@@ -130,7 +131,7 @@ fn load(args: &Args) -> anyhow::Result<(LoadedDeployment, Vec<String>)> {
     );
     let refused: Vec<String> = loaded.refused.iter().map(ToString::to_string).collect();
     for line in &refused {
-        eprintln!("refused: {line}");
+        output::narrate(format_args!("refused: {line}"));
     }
     Ok((loaded, refused))
 }

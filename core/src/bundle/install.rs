@@ -85,13 +85,17 @@ pub fn remove(installation: &Installation, skill: &str) -> Result<(), Finding> {
     let stage = Stage::new(&installation.root, Vec::new())?;
     let staged = Places::of(stage.installation(), skill);
     // Without its manifest there is no such skill: that goes first.
-    match fs::rename(&places.manifest, &staged.manifest) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => {
-            return Err(failed(&places.manifest, "rename")(error));
+    let taken = match fs::rename(&places.manifest, &staged.manifest) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => false,
+        renamed => renamed.map(|()| true).map_err(failed(&places.manifest, "rename"))?,
+    };
+    fs::rename(&places.folder, &staged.folder).map_err(|error| {
+        if taken {
+            // What cannot be removed whole stays whole.
+            let _ = fs::rename(&staged.manifest, &places.manifest);
         }
-        _ => {}
-    }
-    fs::rename(&places.folder, &staged.folder).map_err(failed(&places.folder, "rename"))
+        failed(&places.folder, "rename")(error)
+    })
 }
 
 fn write(stage: &Stage, bundle: &Bundle) -> Result<(), Finding> {

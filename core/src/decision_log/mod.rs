@@ -4,6 +4,7 @@
 //! itself; then comes one [`Decision`] a tick. A log whose writer was killed is read up to its last
 //! whole second.
 
+mod beside;
 mod setup;
 #[cfg(test)]
 mod tests;
@@ -18,6 +19,7 @@ use mcap::{McapError, WriteOptions, Writer};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+pub use beside::LogBeside;
 pub use setup::{Setup, SetupSkill};
 
 use crate::decision::Decision;
@@ -41,6 +43,14 @@ pub enum LogError {
         /// What the system says.
         #[source]
         source: std::io::Error,
+    },
+    /// The disk does not keep up with the loop.
+    #[error("{}: found {ticks} ticks that wait to be written, wanted a disk that keeps up", file.display())]
+    Behind {
+        /// The file.
+        file: PathBuf,
+        /// Ticks that wait.
+        ticks: usize,
     },
     /// The container is damaged or no MCAP at all.
     #[error("{}: {source}, wanted an MCAP file of decisions", file.display())]

@@ -12,7 +12,6 @@ use crate::manifest::Finding;
 pub(crate) struct Intake<'a> {
     root: &'a Path,
     mode: Mode<'a>,
-    is_careful: bool,
 }
 
 enum Mode<'a> {
@@ -33,25 +32,23 @@ pub(crate) struct Record {
 
 impl<'a> Intake<'a> {
     pub(crate) const fn open(root: &'a Path) -> Self {
-        Self { root, mode: Mode::Open, is_careful: false }
-    }
-
-    /// While a loop runs: a library is first loaded where a crash ends nothing else.
-    pub(crate) fn carefully(self) -> Self {
-        Self { is_careful: true, ..self }
-    }
-
-    /// Whether libraries are to be loaded in a process of their own first.
-    pub(crate) const fn is_careful(&self) -> bool {
-        self.is_careful
+        Self { root, mode: Mode::Open }
     }
 
     pub(crate) fn recording(root: &'a Path) -> Self {
-        Self { root, mode: Mode::Recording(RefCell::default()), is_careful: false }
+        Self { root, mode: Mode::Recording(RefCell::default()) }
     }
 
     pub(crate) const fn locked(root: &'a Path, lock: &'a Lock) -> Self {
-        Self { root, mode: Mode::Locked(lock), is_careful: false }
+        Self { root, mode: Mode::Locked(lock) }
+    }
+
+    /// What a lock has, or anything where there is none.
+    pub(crate) const fn of(root: &'a Path, lock: Option<&'a Lock>) -> Self {
+        match lock {
+            Some(lock) => Self::locked(root, lock),
+            None => Self::open(root),
+        }
     }
 
     /// What was read while recording.

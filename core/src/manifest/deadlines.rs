@@ -9,6 +9,8 @@ use super::reader::Source;
 const ACT_SHARE: f64 = 0.4;
 /// Share that the predictions of all skills may take together.
 const PREDICT_SHARE: f64 = 0.5;
+/// Share that all calls may take together; in the rest the loop wakes, stands and answers.
+const CALLS_SHARE: f64 = 0.9;
 
 /// How long calls may take before the robot stands instead of waiting.
 ///
@@ -17,7 +19,7 @@ const PREDICT_SHARE: f64 = 0.5;
 /// | `act_s` | one call of the active plugin, its reset before the first included | 0.4·T |
 /// | `predict_s` | both predictions of one skill | 0.5·T/N |
 ///
-/// Together, `act_s + N·predict_s`, they fit into a tick: even when everything hangs at once, the
+/// Together, `act_s + N·predict_s`, they take at most 0.9 of a tick: even when everything hangs at once, the
 /// tick's targets are there before the next is due. With mixing two plugins act in a tick: then it is
 /// `2·act_s`, and 0.2·T.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,11 +57,16 @@ impl Deadlines {
         let predict_s = raw.predict_s.unwrap_or(default.predict_s);
         let predict_s = source.inside("deadlines.predict_s", predict_s, 1e-7..=period_s)?;
         let all_s = acting as f64 * act_s + skills as f64 * predict_s;
-        if all_s <= period_s * (1.0 + 1e-9) {
+        let most_s = CALLS_SHARE * period_s;
+        if all_s <= most_s * (1.0 + 1e-9) {
             return Ok(Self { act_s, predict_s });
         }
         let field = if raw.predict_s.is_some() { "deadlines.predict_s" } else { "deadlines.act_s" };
         let found = format!("{acting}·act_s + {skills}·predict_s = {all_s:.6} s");
-        Err(source.finding(field, found, format!("at most {period_s} s, a tick at {rate_hz} Hz")))
+        Err(source.finding(
+            field,
+            found,
+            format!("at most {most_s:.6} s, {CALLS_SHARE} of a tick at {rate_hz} Hz"),
+        ))
     }
 }

@@ -172,14 +172,14 @@ fn a_deployment_out_of_range_is_refused_by_field() {
 fn deadlines_fit_into_a_tick_unless_set_and_then_too() {
     let default = written("d.toml", DEPLOYMENT, Deployment::read).expect("sound").deadlines;
     assert!((default.act_s - 0.008).abs() < 1e-9 && (3.0 * default.predict_s - 0.01).abs() < 1e-9);
-    let text = DEPLOYMENT.replacen("[heightfield]", "[deadlines]\nact_s = 0.01\n[heightfield]", 1);
+    let text = DEPLOYMENT.replacen("[heightfield]", "[deadlines]\nact_s = 0.008\n[heightfield]", 1);
     assert!(
-        (written("d.toml", &text, Deployment::read).expect("sound").deadlines.act_s - 0.01).abs() < 1e-12
+        (written("d.toml", &text, Deployment::read).expect("sound").deadlines.act_s - 0.008).abs() < 1e-12
     );
-    let text = text.replacen("act_s = 0.01", "act_s = 0.011", 1);
-    let finding = written("d.toml", &text, Deployment::read).expect_err("over a tick");
+    let text = text.replacen("act_s = 0.008", "act_s = 0.009", 1);
+    let finding = written("d.toml", &text, Deployment::read).expect_err("a tick has more to do");
     assert_eq!(finding.field, "deadlines.act_s", "{finding}");
-    assert!(finding.found.contains("0.021"), "{finding}");
+    assert!(finding.found.contains("0.019") && finding.wanted.contains("0.018"), "{finding}");
 }
 
 #[test]

@@ -50,9 +50,10 @@ impl PluginError {
         }
     }
 
-    /// Whether it is of the moment, in which there was another file or no process, and may be otherwise the next time.
+    /// Whether it is of the moment, in which there was another file, no process, or no library that it asks for, and
+    /// may be otherwise the next time.
     pub(super) fn may_pass(&self) -> bool {
-        matches!(self, Self::NotFound(_)) || self.finding().field == "isolation"
+        matches!(self, Self::NotFound(_) | Self::NotALibrary(_)) || self.finding().field == "isolation"
     }
 
     /// Its place among the kinds, for another process of this program.

@@ -43,7 +43,7 @@ const MAX_BYTES: u64 = 256 << 20;
 
 type Loaded = BTreeMap<(PathBuf, [u8; 32]), Result<Arc<PluginLibrary>, PluginError>>;
 
-/// Every library this process has tried to load, by hash alone: a bad one is not loaded twice either.
+/// Every library this process has loaded, by hash alone: what is not of this interface is not loaded twice either.
 static LOADED: Mutex<Loaded> = Mutex::new(BTreeMap::new());
 /// The same of those that describe themselves in a child process, which loads them from their file.
 #[cfg(target_os = "linux")]
@@ -75,30 +75,6 @@ impl PluginLibrary {
         admit(&file, &bytes).map_err(PluginError::Unlocked)?;
         Self::once(&LOADED, (PathBuf::new(), digest), &file, || Self::load(&file, &bytes, &digest))?
             .named(name, &file)
-    }
-
-    /// As [`open_if`](Self::open_if), loaded in a child process first: bytes that end it never come into this one.
-    /// Where no program for children is known, and for bytes that are here already, it is [`open_if`](Self::open_if).
-    ///
-    /// # Errors
-    /// As [`open_if`](Self::open_if), and when the child ends.
-    pub(crate) fn open_tried(
-        search_path: &[PathBuf],
-        name: &str,
-        admit: Admit<'_>,
-    ) -> Result<Arc<Self>, PluginError> {
-        #[cfg(target_os = "linux")]
-        if let (Ok(file), Ok(program)) = (Self::find(search_path, name), Program::find(search_path)) {
-            let (bytes, digest) = read(&file)?;
-            let loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
-            let is_here = loaded.contains_key(&(PathBuf::new(), digest));
-            drop(loaded);
-            admit(&file, &bytes).map_err(PluginError::Unlocked)?;
-            if !is_here {
-                ChildInstance::describe(&program, &file, &digest)?;
-            }
-        }
-        Self::open_if(search_path, name, admit)
     }
 
     /// The plugin `name`, found as by [`open`](Self::open), to be run in child processes alone: nothing

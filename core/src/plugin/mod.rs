@@ -20,6 +20,8 @@ mod state_buffer;
 pub use error::PluginError;
 pub use instance::PluginInstance;
 #[cfg(target_os = "linux")]
+pub(crate) use isolation::try_skill;
+#[cfg(target_os = "linux")]
 pub use isolation::{isolate_with, serve};
 pub use library::{Admit, PluginLibrary, library_file_name};
 pub(crate) use state_buffer::StateBuffer;

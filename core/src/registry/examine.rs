@@ -48,7 +48,6 @@ pub(super) fn examine(
     });
     let network = network.transpose();
     let open = match manifest.isolation {
-        Isolation::None if intake.is_careful() => PluginLibrary::open_tried,
         Isolation::None => PluginLibrary::open_if,
         Isolation::Process => PluginLibrary::open_isolated,
     };

@@ -1,5 +1,8 @@
 //! Work beside the loop that gives way to it.
 
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicBool, AtomicI32};
+
 /// Lets the calling thread, and what it starts from now on, give way to a loop that runs at a real-time priority.
 ///
 /// Threads inherit the policy by which they are scheduled: loading a skill would take the only core of a loop that
@@ -16,29 +19,81 @@ pub fn give_way() {
     }
 }
 
-/// Lets a thread or process of this number, 0 for the calling thread, run one real-time priority below the calling
-/// thread's, so that one that spins never keeps the loop from a core.
+/// A thread or process that computes for the loop, one real-time priority below it, so that one that spins never keeps
+/// the loop from a core; while it is late it gives way to all others that do.
 ///
-/// Without a real-time policy, or at the lowest priority of one, it runs as the calling thread; where the system
-/// refuses, as it was. Other systems than Linux do nothing here.
+/// Without a real-time policy all of it stays as it was, as on other systems than Linux and where the system refuses; at
+/// the lowest priority of one, what computes has the loop's own.
+#[derive(Debug, Default)]
+pub(super) struct Beside {
+    /// Its number; 0 is none.
+    number: AtomicI32,
+    policy: AtomicI32,
+    priority: AtomicI32,
+    gave_way: AtomicBool,
+}
+
 #[cfg_attr(target_os = "linux", allow(unsafe_code, reason = "the scheduler is reached through C alone"))]
-pub(super) fn follow_closely(number: u32) {
-    #[cfg(target_os = "linux")]
-    // SAFETY: the calls are about the calling thread, which 0 stands for, and about `number`, and write to and read
-    // from `parameters`, a plain struct of integers that lives here.
-    unsafe {
-        let mut parameters: libc::sched_param = std::mem::zeroed();
-        let policy = libc::sched_getscheduler(0);
-        if policy < 0 || libc::sched_getparam(0, &raw mut parameters) != 0 {
-            return;
+impl Beside {
+    /// The thread or process of this number from now on, one priority below the calling thread's.
+    pub(super) fn follow(&self, number: u32) {
+        #[cfg(target_os = "linux")]
+        // SAFETY: the calls are about the calling thread, which 0 stands for, and write to `parameters`, a plain struct
+        // of integers that lives here.
+        unsafe {
+            let mut parameters: libc::sched_param = std::mem::zeroed();
+            let policy = libc::sched_getscheduler(0);
+            let Ok(number) = libc::pid_t::try_from(number) else { return };
+            if policy < 0 || libc::sched_getparam(0, &raw mut parameters) != 0 {
+                return;
+            }
+            self.policy.store(policy, Relaxed);
+            self.priority.store(below(parameters.sched_priority), Relaxed);
+            self.gave_way.store(false, Relaxed);
+            self.number.store(number, Relaxed);
         }
-        parameters.sched_priority = below(parameters.sched_priority);
-        if let Ok(number) = libc::pid_t::try_from(number) {
-            libc::sched_setscheduler(number, policy, &raw const parameters);
+        self.schedule(self.policy.load(Relaxed), self.priority.load(Relaxed));
+        #[cfg(not(target_os = "linux"))]
+        let _ = number;
+    }
+
+    /// As [`follow`](Self::follow), of the calling thread, one priority below its own.
+    pub(super) fn follow_here(&self) {
+        #[cfg(target_os = "linux")]
+        // SAFETY: asks for the number of the calling thread, nothing else.
+        self.follow(unsafe { libc::gettid() }.unsigned_abs());
+    }
+
+    /// What it does is late: it goes on at the system's normal policy.
+    pub(super) fn give_way(&self) {
+        #[cfg(target_os = "linux")]
+        if [libc::SCHED_FIFO, libc::SCHED_RR].contains(&self.policy.load(Relaxed)) {
+            self.gave_way.store(true, Relaxed);
+            self.schedule(libc::SCHED_OTHER, 0);
         }
     }
-    #[cfg(not(target_os = "linux"))]
-    let _ = number;
+
+    /// What was late has ended: back to its priority.
+    pub(super) fn come_back(&self) {
+        if self.gave_way.swap(false, Relaxed) {
+            self.schedule(self.policy.load(Relaxed), self.priority.load(Relaxed));
+        }
+    }
+
+    fn schedule(&self, policy: i32, priority: i32) {
+        #[cfg(target_os = "linux")]
+        // SAFETY: reads `parameters`, a plain struct of integers that lives here.
+        unsafe {
+            let mut parameters: libc::sched_param = std::mem::zeroed();
+            parameters.sched_priority = priority;
+            let number = self.number.load(Relaxed);
+            if number != 0 {
+                libc::sched_setscheduler(number, policy, &raw const parameters);
+            }
+        }
+        #[cfg(not(target_os = "linux"))]
+        let _ = (policy, priority);
+    }
 }
 
 /// The next lower real-time priority; 0 is none, and 1 the lowest.
@@ -89,30 +144,36 @@ mod tests {
                 libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0
             };
             let thread = || {
-                follow_closely(0);
+                Beside::default().follow_here();
                 scheduled("thread-self")
             };
             let thread = std::thread::spawn(thread).join().unwrap();
             let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
-            follow_closely(child.id());
-            let process = scheduled(&child.id().to_string());
+            let (beside, of) = (Beside::default(), child.id().to_string());
+            beside.follow(child.id());
+            let process = scheduled(&of);
+            beside.give_way();
+            let late = scheduled(&of);
+            beside.come_back();
+            let back = scheduled(&of);
             child.kill().and_then(|()| child.wait()).unwrap();
             // From the lowest there is no way down but out of it.
             let again = std::thread::spawn(|| {
-                follow_closely(0);
+                Beside::default().follow_here();
                 std::thread::spawn(|| {
-                    follow_closely(0);
+                    Beside::default().follow_here();
                     scheduled("thread-self")
                 })
                 .join()
                 .unwrap()
             });
-            (is_real_time, [scheduled("thread-self"), thread, process, again.join().unwrap()])
+            let found = [scheduled("thread-self"), thread, process, late, back, again.join().unwrap()];
+            (is_real_time, found)
         });
         let (is_real_time, found) = outer.join().unwrap();
-        let fifo =
-            |priority| if is_real_time { [priority, libc::SCHED_FIFO] } else { [0, libc::SCHED_OTHER] };
-        assert_eq!(found, [fifo(2), fifo(1), fifo(1), fifo(1)]);
+        let normal = [0, libc::SCHED_OTHER];
+        let fifo = |priority| if is_real_time { [priority, libc::SCHED_FIFO] } else { normal };
+        assert_eq!(found, [fifo(2), fifo(1), fifo(1), normal, fifo(1), fifo(1)]);
     }
 
     /// The policy for batches stands for a real-time one, which takes a privilege to set.

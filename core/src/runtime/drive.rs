@@ -146,18 +146,28 @@ impl Runtime {
 
     /// Targets of one skill; none when they are late, an error when it is out of service for it.
     fn timed_act(&mut self, skill: usize, observation: &Observation) -> Result<Option<()>, Reason> {
-        let began = self.now();
         let takes_over = self.drives != Some(Active::Skill(skill));
-        let acted = self.act(skill, observation, takes_over);
-        let is_late = matches!(acted, Err((_, CallFault::Overrun(_))));
-        self.count_overrun(is_late, began, Supervision::act);
-        match acted {
+        match self.counted_act(skill, observation, takes_over) {
             Ok(()) => Ok(Some(())),
             Err((call, fault)) => match self.fail(skill, call, &fault) {
                 Some(reason) => Err(reason),
                 None => Ok(None),
             },
         }
+    }
+
+    /// As [`act`](Self::act), counted where it is late.
+    pub(super) fn counted_act(
+        &mut self,
+        skill: usize,
+        observation: &Observation,
+        takes_over: bool,
+    ) -> Result<(), (&'static str, CallFault)> {
+        let began = self.now();
+        let acted = self.act(skill, observation, takes_over);
+        let is_late = matches!(acted, Err((_, CallFault::Overrun(_))));
+        self.count_overrun(is_late, began, Supervision::act);
+        acted
     }
 
     /// Records why a call of a skill came to nothing; the reason, if it is out of service for it.

@@ -15,7 +15,9 @@ use crate::installation::Installation;
 use crate::lock::{Intake, Lock, PublicKey, sha256_hex};
 use crate::manifest::{Deadlines, Deployment, Finding, SkillManifest, bytes_of};
 use crate::plugin::library_file_name;
-use crate::registry::{deployment_through, load_deployed};
+#[cfg(target_os = "linux")]
+use crate::plugin::try_skill;
+use crate::registry::{Refusal, deployment_through, load_deployed};
 use crate::robot::RobotModel;
 
 /// Time between two looks at the files. A change is taken up when a second look finds no other.
@@ -53,7 +55,14 @@ impl Followed {
 #[derive(Debug)]
 pub struct Follower {
     changes: Receiver<Roster>,
-    gone: Sender<Vec<Skill>>,
+    back: Sender<Back>,
+}
+
+/// What the loop gives back.
+pub(super) struct Back {
+    pub(super) gone: Vec<Skill>,
+    /// New ones that it has not taken up.
+    pub(super) starved: Vec<Skill>,
 }
 
 impl Follower {
@@ -71,11 +80,19 @@ impl Follower {
     ) -> std::io::Result<Self> {
         // What the loop has not taken yet is waited for: a loop without ticks must not pile up skills.
         let (found, changes) = sync_channel(1);
-        let (gone, dropped) = channel();
+        let (back, came_back) = channel::<Back>();
         let mut watch = Watch::new(followed, deployment, robot, running, supervision);
         std::thread::Builder::new().name("follow".to_owned()).spawn(move || {
             // What the loop lets go of is dropped here; without a loop there is nothing to follow for.
-            while !matches!(dropped.recv_timeout(EVERY), Err(RecvTimeoutError::Disconnected)) {
+            loop {
+                match came_back.recv_timeout(EVERY) {
+                    Ok(Back { gone, starved }) => {
+                        drop(gone);
+                        watch.forget(&starved);
+                    }
+                    Err(RecvTimeoutError::Timeout) => {}
+                    Err(RecvTimeoutError::Disconnected) => break,
+                }
                 if let Some(roster) = watch.look()
                     && found.send(roster).is_err()
                 {
@@ -83,7 +100,14 @@ impl Follower {
                 }
             }
         })?;
-        Ok(Self { changes, gone })
+        Ok(Self { changes, back })
+    }
+
+    /// One that hands over what comes, and what the loop gives back to it.
+    #[cfg(test)]
+    pub(super) fn of(changes: Receiver<Roster>) -> (Self, Receiver<Back>) {
+        let (back, came_back) = channel();
+        (Self { changes, back }, came_back)
     }
 
     /// What has changed since it was asked last; never waits.
@@ -92,9 +116,9 @@ impl Follower {
     }
 
     /// Takes skills to drop them on its own thread.
-    pub(super) fn retire(&self, gone: Vec<Skill>) {
+    pub(super) fn retire(&self, gone: Vec<Skill>, starved: Vec<Skill>) {
         // A thread that is gone drops nothing; then they are dropped here.
-        let _ = self.gone.send(gone);
+        let _ = self.back.send(Back { gone, starved });
     }
 }
 
@@ -106,6 +130,17 @@ type Files = BTreeMap<PathBuf, Stamp>;
 
 /// What the files of a skill hold, hashed; none could not be read.
 type Contents = BTreeMap<PathBuf, Option<String>>;
+
+/// A deployment's thresholds for one of its skills, to begin and to go on.
+type Thresholds = [Option<f32>; 2];
+
+fn thresholds(deployment: &Deployment) -> BTreeMap<String, Thresholds> {
+    let of = |skill: &String| {
+        let tables = [&deployment.viability_thresholds, &deployment.hold_thresholds];
+        (skill.clone(), tables.map(|table| table.get(skill).copied()))
+    };
+    deployment.skills.iter().map(of).collect()
+}
 
 /// Largest file that is looked into, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 30;
@@ -169,14 +204,6 @@ fn apart<T: Send>(work: impl Fn() -> T + Sync) -> Option<T> {
     done.map_or_else(|| Some(work()), Result::ok)
 }
 
-fn intake<'a>(installation: &'a Installation, lock: Option<&'a Lock>) -> Intake<'a> {
-    match lock {
-        Some(lock) => Intake::locked(&installation.root, lock),
-        None => Intake::open(&installation.root),
-    }
-    .carefully()
-}
-
 /// What looks at the files; a [`Follower`] does so from its thread.
 #[derive(Debug)]
 pub struct Watch {
@@ -185,8 +212,9 @@ pub struct Watch {
     robot: Arc<RobotModel>,
     /// Skills that the loop has, or is about to get, in its order, and what they were made of.
     running: Vec<(String, Contents)>,
-    /// The files with which each skill was last found sound or not.
+    /// The files with which each skill was last found sound or not, and the thresholds that it was held to.
     judged: BTreeMap<String, Files>,
+    thresholds: BTreeMap<String, Thresholds>,
     supervision: Option<Supervision>,
     /// A change that may not be complete yet.
     settling: Option<Seen>,
@@ -211,7 +239,15 @@ impl Watch {
         };
         let running = running.into_iter().map(made_of).collect();
         let (judged, locked) = (followed.seen.skills.clone(), followed.seen.lock);
-        Self { followed, deployment, robot, running, judged, supervision, settling: None, locked }
+        let thresholds = thresholds(&deployment);
+        Self { followed, deployment, robot, running, judged, thresholds, supervision, settling: None, locked }
+    }
+
+    /// The loop has not taken up these: what it has under their names, if anything, is older, and the same files are
+    /// news again when they are touched.
+    fn forget(&mut self, starved: &[Skill]) {
+        let is_starved = |name: &String| starved.iter().any(|skill| skill.rule.name == *name);
+        self.running.iter_mut().filter(|(name, _)| is_starved(name)).for_each(|(_, made_of)| made_of.clear());
     }
 
     /// Looks at the files: the skills as they should be, when that is news. A change is news when the look
@@ -241,7 +277,7 @@ impl Watch {
     fn take_up(&mut self) -> Result<Roster, Finding> {
         let Followed { installation, name, keys, seen, .. } = &self.followed;
         let lock = keys.as_ref().map(|_| Lock::read(installation, name)).transpose()?;
-        let intake = intake(installation, lock.as_ref());
+        let intake = Intake::of(&installation.root, lock.as_ref());
         let deployment = deployment_through(installation, name, &intake)?;
         if let (Some(lock), Some(keys)) = (&lock, keys) {
             lock.check_signature(keys)?;
@@ -256,14 +292,19 @@ impl Watch {
             events.push(format!("{}: found other settings, taken up at the next start", file.display()));
         }
         let is_relocked = lock.is_some() && self.locked != seen.lock;
+        let now_held_to = thresholds(&deployment);
         let (mut places, mut loaded_from) = (Vec::new(), BTreeMap::new());
         for skill in &deployment.skills {
             let running = self.running.iter().find(|(name, _)| name == skill).map(|(_, made_of)| made_of);
             let runs = running.is_some();
-            let is_same = seen.skills.get(skill) == self.judged.get(skill)
-                // Touched, or changed and changed back.
+            // What was refused under another lock, or other thresholds, may be taken under these.
+            let is_judged = !is_relocked
+                && seen.skills.get(skill) == self.judged.get(skill)
+                && (runs || now_held_to.get(skill) == self.thresholds.get(skill));
+            // Touched, or changed and changed back.
+            let is_what_runs =
                 || running.is_some_and(|made_of| Some(made_of) == apart(|| seen.contents(skill)).as_ref());
-            if is_same && (runs || !is_relocked) {
+            if is_judged || is_what_runs() {
                 // One that was refused as it is now would be refused again.
                 places.extend(runs.then(|| Place::Kept(skill.clone())));
                 continue;
@@ -278,7 +319,6 @@ impl Watch {
             match self.load(&deployment, skill, lock.as_ref()).and_then(ready) {
                 Ok(ready) => {
                     loaded_from.insert(skill.clone(), contents);
-                    events.push(format!("skill {skill} takes part from now on"));
                     places.push(Place::New(ready));
                 }
                 Err(line) if runs => {
@@ -293,6 +333,7 @@ impl Watch {
             events.push(format!("skill {skill} is gone: its deployment names it no more"));
         }
         self.judged.clone_from(&seen.skills);
+        self.thresholds = now_held_to;
         self.locked = seen.lock;
         let mut before: BTreeMap<_, _> = std::mem::take(&mut self.running).into_iter().collect();
         self.running = places
@@ -307,11 +348,14 @@ impl Watch {
         Ok(Roster { places, events, deadlines: Some(deployment.deadlines) })
     }
 
-    /// Loads a skill.
+    /// Loads a skill: in a process of its own first, since what ends that one must not end the loop.
     fn load(&self, deployment: &Deployment, skill: &str, lock: Option<&Lock>) -> Result<Skill, String> {
         let (installation, robot) = (&self.followed.installation, &self.robot.description);
         apart(|| {
-            let intake = intake(installation, lock);
+            #[cfg(target_os = "linux")]
+            try_skill(installation, &deployment.name, skill, lock.is_some(), robot)
+                .map_err(|finding| Refusal::of(installation, skill, finding).to_string())?;
+            let intake = Intake::of(&installation.root, lock);
             let loaded = load_deployed(installation, deployment, skill, robot, &intake);
             let loaded = loaded.map_err(|refusal| refusal.to_string())?;
             Skill::of(loaded, robot).map_err(|error| error.to_string())

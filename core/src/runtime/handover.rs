@@ -96,7 +96,7 @@ impl Runtime {
         // `act` fills `candidate`, where the incoming skill's targets are.
         std::mem::swap(&mut self.candidate, &mut self.handover.from);
         let acted = match self.selector.out_of_service(outgoing) {
-            None => self.act(outgoing, observation, false).map_err(Some),
+            None => self.counted_act(outgoing, observation, false).map_err(Some),
             Some(_) => Err(None),
         };
         std::mem::swap(&mut self.candidate, &mut self.handover.from);
@@ -130,11 +130,7 @@ fn blend(from: &JointTarget, to: &JointTarget, share: f32) -> JointTarget {
     let stiffness = mean(from.stiffness_nm_per_rad, to.stiffness_nm_per_rad);
     let pull = mean(from.stiffness_nm_per_rad * from.position_rad, to.stiffness_nm_per_rad * to.position_rad);
     JointTarget {
-        position_rad: if stiffness > 0.0 {
-            pull / stiffness
-        } else {
-            mean(from.position_rad, to.position_rad)
-        },
+        position_rad: pull / stiffness,
         stiffness_nm_per_rad: stiffness,
         damping_nms_per_rad: mean(from.damping_nms_per_rad, to.damping_nms_per_rad),
         feed_forward_nm: mean(from.feed_forward_nm, to.feed_forward_nm),

@@ -288,15 +288,18 @@ impl Runtime {
     /// One tick, with the skills that a [`Follower`] has ready. An observation that cannot be used stands, as [`fault_tick`](Self::fault_tick).
     pub fn tick(&mut self, observation: &Observation) -> Tick<'_> {
         let began = self.now();
+        let checked = self.check(observation);
+        if checked.is_ok() {
+            self.held = Some(Required::held_by(observation));
+        }
         self.follow_up();
-        if let Err(fault) = self.check(observation) {
+        if let Err(fault) = checked {
             if observation.t_s.is_finite() {
                 // Only the tick in which time jumps back is at fault, not all that follow.
                 self.last_t_s = Some(observation.t_s);
             }
             return Tick { fault: Some(fault.clone()), ..self.stand_for(&fault, began) };
         }
-        self.held = Some(Required::held_by(observation));
         let last_t_s = self.last_t_s.replace(observation.t_s);
         let (now_s, limit_s) = (self.ticks as f64 / self.config.rate_hz, self.config.frozen.measurement_s);
         if let Err(fault) = self.frozen.check(observation, now_s, self.is_driven_by_a_skill(), limit_s) {
@@ -364,7 +367,8 @@ impl Runtime {
         self.filter.active() != Active::Stand
     }
 
-    fn now(&self) -> Option<Duration> {
+    /// By the clock that measures ticks, where one does.
+    pub(crate) fn now(&self) -> Option<Duration> {
         self.supervision.map(|supervision| (supervision.clock)())
     }
 

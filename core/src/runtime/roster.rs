@@ -41,11 +41,15 @@ impl Runtime {
         self
     }
 
+    /// Takes over what has changed once observations have shown what they hold.
     pub(super) fn follow_up(&mut self) {
+        if self.held.is_none() {
+            return;
+        }
         let Some(roster) = self.follower.as_mut().and_then(Follower::changed) else { return };
-        let gone = self.adopt(roster);
+        let (gone, starved) = self.take_over(roster);
         if let Some(follower) = &self.follower {
-            follower.retire(gone);
+            follower.retire(gone, starved);
         }
     }
 
@@ -55,6 +59,13 @@ impl Runtime {
     /// is gone or replaced, the robot stands, as at a stop. One that needs what observations do not hold changes
     /// nothing: with it every one of them would be at fault.
     pub fn adopt(&mut self, roster: Roster) -> Vec<Skill> {
+        let (mut gone, starved) = self.take_over(roster);
+        gone.extend(starved);
+        gone
+    }
+
+    /// As [`adopt`](Self::adopt): those that are gone, and those that were not taken up.
+    fn take_over(&mut self, roster: Roster) -> (Vec<Skill>, Vec<Skill>) {
         let Roster { places, mut events, deadlines } = roster;
         let (places, starved) = self.fed(places, &mut events);
         let is_here = |name: &str| self.skills.iter().any(|skill| skill.rule.name == name);
@@ -69,7 +80,7 @@ impl Runtime {
         if names.eq(self.skills.iter().map(|skill| Some(&skill.rule.name))) {
             self.pending.events.append(&mut events);
             self.share_time(deadlines);
-            return starved;
+            return (Vec::new(), starved);
         }
         let after = places.iter().map(|place| match place {
             Place::Kept(name) => (name.as_str(), false),
@@ -117,7 +128,7 @@ impl Runtime {
             self.is_orphaned |= driver.is_none();
         }
         self.share_time(deadlines);
-        gone.into_iter().flatten().chain(starved).collect()
+        (gone.into_iter().flatten().collect(), starved)
     }
 
     /// The places without the new skills that need what observations have not held so far, and those.
@@ -127,8 +138,11 @@ impl Runtime {
         let place = |place| match place {
             Place::New(skill) => {
                 let lacking = required(std::slice::from_ref(&skill)).beyond(held);
-                let Some(field) = lacking.fields().next() else { return Place::New(skill) };
                 let name = skill.rule.name.clone();
+                let Some(field) = lacking.fields().next() else {
+                    events.push(format!("skill {name} takes part from now on"));
+                    return Place::New(skill);
+                };
                 events.push(format!(
                     "skill {name} is not taken up: {field}: found nothing in the last observation, wanted it in every one"
                 ));
@@ -180,7 +194,7 @@ mod tests {
         assert_eq!((decision.active.as_str(), decision.choice.as_str()), ("walk", "trot"));
         let names: Vec<_> = decision.skills.iter().map(|skill| skill.name.as_str()).collect();
         assert_eq!(names, ["trot", "ascend", "walk"], "the deployment's order");
-        assert_eq!(decision.events, ["changed"]);
+        assert_eq!(decision.events, ["changed", "skill trot takes part from now on"]);
         assert_eq!(decision.roster.as_ref().map(Vec::len), Some(3));
         assert_eq!(it.tick().roster, None, "said once");
         assert_eq!(it.until("trot"), 8);
@@ -203,7 +217,35 @@ mod tests {
         it.observation.joint_torque_nm = Some(vec![0.0; it.observation.joint_position_rad.len()]);
         it.tick();
         it.runtime.adopt(roster(vec![starved()]));
-        assert_eq!(it.tick().events, ["changed", "skill walk is replaced while it drives: stop"]);
+        let events =
+            ["changed", "skill walk takes part from now on", "skill walk is replaced while it drives: stop"];
+        assert_eq!(it.tick().events, events);
+    }
+
+    #[test]
+    fn a_skill_that_comes_before_anything_is_measured_waits_for_what_the_first_observation_holds() {
+        let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.3))]);
+        let needy = |name: &str| {
+            let mut needy = skill(name, &fake(0.99, 0.1));
+            needy.needs.joint_torques = true;
+            Place::New(needy)
+        };
+        let (rosters, changes) = std::sync::mpsc::sync_channel(1);
+        let (follower, came_back) = Follower::of(changes);
+        it.runtime = it.runtime.following(follower);
+        rosters.send(roster(vec![kept("walk"), needy("trot")])).unwrap();
+        let fault = crate::observation::ObservationFault::new("line", "nonsense", "JSON");
+        assert_eq!(it.runtime.fault_tick(&fault).decision.skills.len(), 1);
+        it.observation.joint_torque_nm = Some(vec![0.0; it.observation.joint_position_rad.len()]);
+        assert_eq!(it.tick().skills.len(), 2);
+        // What is not taken up goes back by its name, for the files to be news again.
+        it.runtime.adopt(roster(vec![kept("walk")]));
+        it.observation.joint_torque_nm = None;
+        it.tick();
+        rosters.send(roster(vec![kept("walk"), needy("amble")])).unwrap();
+        assert_eq!(it.tick().skills.len(), 1);
+        let starved: Vec<_> = came_back.try_iter().flat_map(|back| back.starved).collect();
+        assert_eq!(starved.iter().map(|skill| skill.rule.name.as_str()).collect::<Vec<_>>(), ["amble"]);
     }
 
     #[test]
@@ -243,7 +285,9 @@ mod tests {
         let mut it = Loop::new(vec![skill("walk", &fake(0.99, 0.3))]);
         it.until("walk");
         it.runtime.adopt(roster(vec![Place::New(skill("walk", &fake(0.99, 0.3)))]));
-        assert_eq!(it.tick().events, ["changed", "skill walk is replaced while it drives: stop"]);
+        let events =
+            ["changed", "skill walk takes part from now on", "skill walk is replaced while it drives: stop"];
+        assert_eq!(it.tick().events, events);
     }
 
     #[test]

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use vocaloco_plugin_api::{Command, JointTarget, Needs, RobotDescription, RobotState, SkillError};
 
-use super::background::follow_closely;
 use super::{RuntimeError, WatchedController, WatchedPredictors};
 use crate::heightfield::Field;
 use crate::plugin::PluginInstance;
@@ -65,8 +64,10 @@ pub trait Controller: Send {
     /// Calls have another budget from now on, where they have any.
     fn set_budget(&mut self, _: Duration) {}
 
-    /// Whatever computes beside the calling thread gives way to it by one real-time priority, and to no other.
-    fn keep_pace(&mut self) {}
+    /// The number of the process that it runs in, where that is not this one.
+    fn process(&self) -> Option<u32> {
+        None
+    }
 
     /// The loop starts over: what has ended for good in the last run is there again for the next.
     fn revive(&mut self) {}
@@ -86,15 +87,12 @@ impl Controller for PluginInstance {
         Ok(Self::act(self, state, command, joints)?)
     }
 
-    fn keep_pace(&mut self) {
-        if let Some(process) = self.process() {
-            follow_closely(process);
-        }
+    fn process(&self) -> Option<u32> {
+        Self::process(self)
     }
 
     fn revive(&mut self) {
         Self::revive(self);
-        self.keep_pace();
     }
 }
 
@@ -160,8 +158,7 @@ impl Skill {
 
     /// The same with its calls on threads of their own and budgets for them.
     pub(super) fn watched(self, act: Duration, predict: Duration) -> Result<Self, RuntimeError> {
-        let Self { rule, needs, mut controller, predictors } = self;
-        controller.keep_pace();
+        let Self { rule, needs, controller, predictors } = self;
         let name = &rule.name;
         let no_thread = |error: std::io::Error| RuntimeError::Thread(name.clone(), error.to_string());
         let controller = WatchedController::start(name, controller, act).map_err(no_thread)?;
@@ -200,6 +197,9 @@ struct JointLimits {
 /// Largest stiffness, N·m/rad, and damping, N·m·s/rad, that a drive is given.
 const MAX_STIFFNESS: f32 = 1000.0;
 const MAX_DAMPING: f32 = 100.0;
+/// Smallest: a drive without gains lets the robot fall.
+const MIN_STIFFNESS: f32 = 1.0;
+const MIN_DAMPING: f32 = 0.01;
 /// Slack of a position target beyond the joint's range, rad.
 const SLACK_RAD: f32 = 0.2;
 
@@ -232,13 +232,13 @@ impl Limits {
                     Err(format!("{name}: {quantity} {found}, {least} to {greatest} wanted"))
                 }
             };
-            wanted("stiffness_nm_per_rad", target.stiffness_nm_per_rad, 0.0, MAX_STIFFNESS)?;
-            wanted("damping_nms_per_rad", target.damping_nms_per_rad, 0.0, MAX_DAMPING)?;
-            wanted("feed_forward_nm", target.feed_forward_nm, -joint.effort_nm, joint.effort_nm)?;
-            // At zero stiffness any finite position is the same.
-            let folded = (joint.effort_nm / target.stiffness_nm_per_rad.max(1.0)) + SLACK_RAD;
+            // First, since what a controller leaves out is no number here.
+            let folded = joint.effort_nm / target.stiffness_nm_per_rad.max(MIN_STIFFNESS) + SLACK_RAD;
             let (least, greatest) = (joint.lower_rad - folded, joint.upper_rad + folded);
             wanted("position_rad", target.position_rad, least, greatest)?;
+            wanted("stiffness_nm_per_rad", target.stiffness_nm_per_rad, MIN_STIFFNESS, MAX_STIFFNESS)?;
+            wanted("damping_nms_per_rad", target.damping_nms_per_rad, MIN_DAMPING, MAX_DAMPING)?;
+            wanted("feed_forward_nm", target.feed_forward_nm, -joint.effort_nm, joint.effort_nm)?;
         }
         Ok(())
     }

@@ -133,7 +133,9 @@ fn a_plugin_that_cannot_start_stands_within_the_tick() {
 #[test]
 fn targets_that_are_not_finite_or_out_of_range_stand_within_the_tick() {
     type Spoiler = fn(&mut [JointTarget]);
-    let spoilers: [(&str, Spoiler); 8] = [
+    let spoilers: [(&str, Spoiler); 10] = [
+        ("LH_HFE: stiffness_nm_per_rad 0", |joints| joints[7].stiffness_nm_per_rad = 0.0),
+        ("LH_HFE: damping_nms_per_rad 0", |joints| joints[7].damping_nms_per_rad = 0.0),
         ("RF_KFE: position_rad NaN", |joints| joints[5].position_rad = f32::NAN),
         ("LF_HAA: position_rad inf", |joints| joints[0].position_rad = f32::INFINITY),
         ("LF_HAA: position_rad 9", |joints| joints[0].position_rad = 9.0),

@@ -17,14 +17,14 @@ pub use output::{Greeting, TickLine};
 
 use crate::decision::Decision;
 use crate::observation::ObservationFault;
-use crate::runtime::Runtime;
+use crate::runtime::{Runtime, TickSummary, TickTimes};
 use output::ErrorLine;
 
 /// Longest line that is read, bytes: an elevation of 4 m by 2 m at 2 cm has about 200 kB.
 pub const MAX_LINE_BYTES: usize = 4 << 20;
 
 /// What a session came to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Served {
     /// Lines answered.
     pub lines: u64,
@@ -32,12 +32,17 @@ pub struct Served {
     pub errors: u64,
     /// Whether `seen` gave up before the end.
     pub unseen: bool,
+    /// Whether whoever reads the answers went away before the lines ended.
+    pub unheard: bool,
+    /// From a line's last byte until the loop is free for the next; of none where nothing measures ticks.
+    pub times: TickSummary,
 }
 
 /// Answers every line of `reader` until it ends: the greeting first, then one line out per line in.
 ///
 /// `seen` gets every decision, error lines' included, once it is answered. When it breaks off it is
-/// not called again, and the loop goes on: a full disk must not leave a robot without targets.
+/// not called again, and the loop goes on: a full disk must not leave a robot without targets. When nobody reads the
+/// answers any more, that is the end too.
 ///
 /// # Errors
 /// When a stream fails; a malformed line is no such error.
@@ -49,24 +54,36 @@ pub fn serve(
     mut seen: impl FnMut(&Decision) -> ControlFlow<()>,
 ) -> io::Result<Served> {
     let robot = std::sync::Arc::clone(runtime.robot());
-    send(&mut writer, greeting)?;
-    let mut served = Served::default();
+    let mut times = TickTimes::new(runtime.config().rate_hz);
+    let mut served = Served { lines: 0, errors: 0, unseen: false, unheard: false, times: times.summary() };
     let mut line = Vec::new();
-    while let Some(read) = read_line(&mut reader, &mut line)? {
-        served.lines += 1;
+    let mut is_heard = heard(send(&mut writer, greeting))?;
+    while is_heard && let Some(read) = read_line(&mut reader, &mut line)? {
+        let began = runtime.now();
         let tick = match read.and_then(|()| parse(&line, &robot.description)) {
             Ok(observation) => runtime.tick(&observation),
             Err(fault) => runtime.fault_tick(&fault),
         };
-        if let Some(fault) = &tick.fault {
-            served.errors += 1;
-            send(&mut writer, &ErrorLine::of(&robot.description, fault, &tick))?;
-        } else {
-            send(&mut writer, &TickLine::of(&robot.description, &tick))?;
-        }
+        served.errors += u64::from(tick.fault.is_some());
+        is_heard = heard(match &tick.fault {
+            Some(fault) => send(&mut writer, &ErrorLine::of(&robot.description, fault, &tick)),
+            None => send(&mut writer, &TickLine::of(&robot.description, &tick)),
+        })?;
+        served.lines += u64::from(is_heard);
         served.unseen = served.unseen || seen(tick.decision).is_break();
+        if let Some((began, ended)) = began.zip(runtime.now()) {
+            times.add(ended.saturating_sub(began));
+        }
     }
-    Ok(served)
+    Ok(Served { unheard: !is_heard, times: times.summary(), ..served })
+}
+
+/// Whether somebody took what was sent.
+fn heard(sent: io::Result<()>) -> io::Result<bool> {
+    match sent {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(false),
+        sent => sent.map(|()| true),
+    }
 }
 
 fn send(writer: &mut impl Write, line: &impl serde::Serialize) -> io::Result<()> {

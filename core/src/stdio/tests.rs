@@ -27,6 +27,11 @@ fn line(t_s: f64) -> Value {
     })
 }
 
+/// Lines, errors, and whether a log gave up.
+fn sums(served: &Served) -> (u64, u64, bool) {
+    (served.lines, served.errors, served.unseen)
+}
+
 /// Answers to `lines`, the greeting left out, and what the session came to.
 fn answers(lines: &[String]) -> (Vec<Value>, Served) {
     let mut runtime =
@@ -56,7 +61,7 @@ fn error(spoil: impl FnOnce(&mut Value)) -> (String, String, String) {
 
 fn raw_error(spoiled: String) -> (String, String, String) {
     let (values, served) = answers(&[line(0.02).to_string(), spoiled, line(0.06).to_string()]);
-    assert_eq!(served, Served { lines: 3, errors: 1, unseen: false });
+    assert_eq!(sums(&served), (3, 1, false));
     assert!(values[0].get("error").is_none() && values[2].get("error").is_none(), "{values:?}");
     let error = &values[1]["error"];
     let stiffness = values[1]["joints"]["RH_KFE"]["stiffness_nm_per_rad"].as_f64().unwrap();
@@ -69,7 +74,7 @@ fn raw_error(spoiled: String) -> (String, String, String) {
 fn a_line_in_gives_a_line_out_with_the_decision_and_every_joint() {
     let lines: Vec<_> = (1..=12).map(|tick| line(0.02 * f64::from(tick)).to_string()).collect();
     let (values, served) = answers(&lines);
-    assert_eq!((values.len(), served), (12, Served { lines: 12, errors: 0, unseen: false }));
+    assert_eq!((values.len(), sums(&served)), (12, (12, 0, false)));
     assert_eq!((&values[8]["active"], &values[9]["active"]), (&json!("stand"), &json!("walk")));
     let last = &values[11];
     assert_eq!(last["t_s"], 0.24);
@@ -258,14 +263,45 @@ fn every_line_is_answered_though_the_log_fails_at_the_second() {
         seen += 1;
         if seen == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
-    assert_eq!(served.unwrap(), Served { lines: 4, errors: 0, unseen: true });
+    assert_eq!(sums(&served.unwrap()), (4, 0, true));
     assert_eq!(String::from_utf8(out).unwrap().lines().count(), 1 + 4);
     assert_eq!(seen, 2, "not called again");
 }
 
 #[test]
 fn an_empty_input_is_a_clean_stop() {
-    assert_eq!(answers(&[]), (vec![], Served::default()));
+    let (values, served) = answers(&[]);
+    assert_eq!((values.len(), sums(&served), served.unheard), (0, (0, 0, false), false));
+}
+
+/// Takes so many writes, then nobody reads.
+struct HangsUp(usize);
+
+impl std::io::Write for HangsUp {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let is_line = bytes.ends_with(b"\n");
+        self.0 = self.0.checked_sub(usize::from(is_line)).ok_or(std::io::ErrorKind::BrokenPipe)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn when_nobody_reads_the_answers_any_more_the_session_ends_and_says_so() {
+    let mut runtime = Loop::new(vec![skill("walk", &fake(0.99, 0.2))]).runtime;
+    let greeting = Greeting::of(&runtime, "test", vec![]);
+    let text: String = (1..=9).map(|tick| line(0.02 * f64::from(tick)).to_string() + "\n").collect();
+    let mut seen = 0;
+    let served = serve(&mut runtime, &greeting, text.as_bytes(), HangsUp(1 + 4), |_| {
+        seen += 1;
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    assert_eq!((sums(&served), served.unheard), ((4, 0, false), true));
+    assert_eq!(seen, 5, "what was decided is logged, heard or not");
 }
 
 #[test]

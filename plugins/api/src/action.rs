@@ -52,7 +52,7 @@ impl ActionMap {
             let default_rad = inside(field, defaults[row], lower..=upper)?;
             inside("action.scale", scales[row].abs(), 1e-3..=10.0)?;
             let stiffness = inside(stiffness, stiffnesses[row], 1.0..=1000.0)?;
-            let damping = inside(damping, dampings[row], 0.0..=100.0)?;
+            let damping = inside(damping, dampings[row], 0.01..=100.0)?;
             let folded = described.effort_nm / stiffness;
             rows.push(Row {
                 joint,

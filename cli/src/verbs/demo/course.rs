@@ -11,7 +11,7 @@ use vocaloco_core::{
     installation::Installation,
     registry::{LoadedDeployment, load_deployment},
     robot::RobotModel,
-    runtime::Runtime,
+    runtime::{Pace, Runtime, Supervision, TickSummary},
 };
 use vocaloco_sim::{
     course::{CourseConfig, CourseRun, CourseStage, FORWARD_M_PER_S, Outcome, SelectorPilot, drive},
@@ -24,7 +24,7 @@ use super::{Args, story};
 use crate::{
     progress,
     report::{PackedCourse, Story},
-    verbs::noise::NoiseArgs,
+    verbs::{noise::NoiseArgs, run::pace::clock},
 };
 
 /// Step heights searched for the lowest that walk does not take, cm.
@@ -47,6 +47,7 @@ pub(super) struct Stage {
 pub(super) struct Driven {
     pub(super) run: CourseRun,
     pub(super) terrain: Terrain,
+    pub(super) timing: TickSummary,
     pub(super) story: Story,
     /// What the numbers say beyond the outcome; empty when all went as in the paper.
     pub(super) note: String,
@@ -84,19 +85,22 @@ impl Stage {
     pub(super) fn drive(&self, kind: CourseKind, size_m: f32, expected: Outcome) -> anyhow::Result<Driven> {
         let what = format!("{} of {:.0} cm", kind.id(), size_m * 100.0);
         let spinner = progress::spinner(&format!("driving {what}"));
-        let (run, terrain) = self.simulate(&self.course(kind, size_m)).with_context(|| what)?;
+        let (run, terrain, timing) = self.simulate(&self.course(kind, size_m)).with_context(|| what)?;
         spinner.finish_and_clear();
         let (story, note) = story::tell(&run, &self.robot, &self.thresholds, expected);
-        Ok(Driven { run, terrain, story, note })
+        Ok(Driven { run, terrain, timing, story, note })
     }
 
-    fn simulate(&self, config: &CourseConfig) -> anyhow::Result<(CourseRun, Terrain)> {
-        let mut runtime = Runtime::new(load_deployment(&self.installation, &self.deployment)?)?;
+    fn simulate(&self, config: &CourseConfig) -> anyhow::Result<(CourseRun, Terrain, TickSummary)> {
+        let loaded = load_deployment(&self.installation, &self.deployment)?;
+        let deadlines = loaded.deployment.deadlines;
+        let supervision = Supervision { clock, deadlines, pace: Pace::Simulated };
+        let mut runtime = Runtime::new(loaded)?.supervised(supervision)?;
         let CourseStage { terrain, mut plant } = CourseStage::set(&self.robot, config)?;
         let setup = Setup::of(&runtime, &self.deployment);
         let run = drive(config, &mut SelectorPilot::new(config, &mut plant, &terrain, &mut runtime))?;
         self.log(&run, &setup)?;
-        Ok((run, terrain))
+        Ok((run, terrain, runtime.times()))
     }
 
     /// The lowest steps on which the skill made for them is chosen, if there are any.

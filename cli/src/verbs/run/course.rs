@@ -106,7 +106,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
         output::json(&report)?;
     } else {
         say(&run, &report)?;
-        pace::narrate(&report.timing, false)?;
+        pace::narrate(&report.timing, false);
     }
     Ok(Exit::Fine)
 }

@@ -2,14 +2,14 @@
 
 use std::io::{self, BufRead};
 
-/// What `run --source stdio` reads: SIGINT and SIGTERM end it as the other side's hanging up does, before the next
+/// What `run --source stdio` reads: SIGINT, SIGTERM and SIGHUP end it as the other side's hanging up does, before the next
 /// line. A second of them ends the process as it would without this, for a plugin that never returns.
 ///
 /// # Errors
 /// Standard input cannot be read, or the system watches no signals.
 #[cfg(unix)]
 pub(super) fn until_asked_to_end() -> io::Result<impl BufRead> {
-    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
     use signal_hook::flag;
     use signal_hook::low_level::pipe;
     use std::fs::File;
@@ -19,14 +19,18 @@ pub(super) fn until_asked_to_end() -> io::Result<impl BufRead> {
     use std::sync::atomic::AtomicBool;
 
     let is_asked = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM] {
+    let signals = [SIGINT, SIGTERM, SIGHUP];
+    for signal in signals {
         flag::register_conditional_default(signal, Arc::clone(&is_asked))?;
         flag::register(signal, Arc::clone(&is_asked))?;
     }
     let (asked, asks) = UnixStream::pair()?;
-    pipe::register(SIGINT, asks.try_clone()?)?;
-    pipe::register(SIGTERM, asks)?;
+    for signal in signals {
+        pipe::register(signal, asks.try_clone()?)?;
+    }
     let stdin = File::from(io::stdin().as_fd().try_clone_to_owned()?);
+    // What else in this process reads there, a plugin or a library, takes no line away.
+    rustix::stdio::dup2_stdin(File::open("/dev/null")?)?;
     Ok(io::BufReader::with_capacity(64 << 10, unix::Until { stdin, asked }))
 }
 

@@ -4,9 +4,13 @@ use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 use vocaloco_core::manifest::Deadlines;
-use vocaloco_core::runtime::{Pace, Supervision, TickSummary};
+#[cfg(feature = "sim")]
+use vocaloco_core::runtime::TickSummary;
+use vocaloco_core::runtime::{Pace, Supervision};
 
 use super::Args;
+#[cfg(feature = "sim")]
+use crate::output;
 
 /// Time since this program first asked.
 pub(crate) fn clock() -> Duration {
@@ -30,13 +34,13 @@ impl Args {
 }
 
 /// The last line of narration of every run; with `--json` an object.
-pub(super) fn narrate(times: &TickSummary, as_json: bool) -> anyhow::Result<()> {
+#[cfg(feature = "sim")]
+pub(super) fn narrate(times: &TickSummary, as_json: bool) {
     if as_json {
-        eprintln!("{}", serde_json::to_string(&serde_json::json!({ "timing": times }))?);
+        output::narrate(serde_json::json!({ "timing": times }));
     } else {
-        eprintln!("{times}");
+        output::narrate(times);
     }
-    Ok(())
 }
 
 /// Holds a loop to a rate: ticks begin a period apart by the clock, or at once when they are late.

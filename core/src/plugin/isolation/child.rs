@@ -16,8 +16,9 @@ use vocaloco_plugin_api::{
 
 use super::frame::{Call, NO_CALL, read_answer, write_call};
 use super::memory::SharedMemory;
-use super::message::{self, Create, Policy, Refused, Start, Started};
+use super::message::{self, Create, Policy, Refused, Start, Started, Trial};
 use super::wire;
+use crate::installation::Installation;
 use crate::manifest::Finding;
 use crate::plugin::PluginError;
 use crate::policy::PolicyNetwork;
@@ -72,6 +73,32 @@ struct Origin {
     start: Start,
 }
 
+/// Loads a skill, as `deployment` has it, in a child that ends thereafter. Whatever else is wrong with it is found
+/// again by who loads it next; where no program for children is known, nothing is found.
+///
+/// # Errors
+/// Loading it ends the process that does, or takes too long.
+pub(crate) fn try_skill(
+    installation: &Installation,
+    deployment: &str,
+    skill: &str,
+    is_locked: bool,
+    robot: &RobotDescription,
+) -> Result<(), Finding> {
+    let Ok(program) = Program::find(&installation.plugin_path_of(skill)) else { return Ok(()) };
+    let trial = Some(Trial {
+        root: path(&installation.root),
+        plugin_path: installation.plugin_path.iter().map(|folder| path(folder)).collect(),
+        deployment: deployment.to_owned(),
+        skill: skill.to_owned(),
+        is_locked,
+        robot: message::Robot::of(robot),
+    });
+    let file = installation.skill_file(skill);
+    let start = Start { library: path(&file), trial, ..Start::default() };
+    ChildInstance::start(Origin { program, start }).map(drop).map_err(PluginError::into_finding)
+}
+
 /// An instance in a child process.
 pub(crate) struct ChildInstance {
     origin: Origin,
@@ -92,7 +119,7 @@ impl ChildInstance {
         file: &Path,
         sha256: &[u8],
     ) -> Result<Description, PluginError> {
-        let start = Start { library: path(file), sha256: sha256.to_vec(), create: None };
+        let start = Start { library: path(file), sha256: sha256.to_vec(), ..Start::default() };
         let (_, started) = Self::start(Origin { program: program.clone(), start })?;
         let description = started.description.and_then(message::Description::into_api);
         description.ok_or_else(|| PluginError::Description(nonsense(file, "describe")))
@@ -113,7 +140,7 @@ impl ChildInstance {
             policy: policy
                 .map(|network| Policy { file: path(network.file()), sha256: network.sha256().to_owned() }),
         });
-        let start = Start { library: path(file), sha256: sha256.to_vec(), create };
+        let start = Start { library: path(file), sha256: sha256.to_vec(), create, trial: None };
         let (instance, started) = Self::start(Origin { program: program.clone(), start })?;
         let needs = started.needs.and_then(message::Needs::into_api);
         Ok((instance, needs.ok_or_else(|| PluginError::Create(nonsense(file, "needs")))?))

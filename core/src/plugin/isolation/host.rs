@@ -11,12 +11,14 @@ use vocaloco_plugin_api::SkillError;
 use super::frame::{Call, CallBuffer, NO_CALL, read_call, write_answer};
 use super::limits::{self, GROWTH_BYTES, LOADING_BYTES};
 use super::memory::SharedMemory;
-use super::message::{Create, Description, Needs, Refused, Start, Started};
+use super::message::{Create, Description, Needs, Refused, Start, Started, Trial};
 use super::wire;
+use crate::installation::Installation;
 use crate::lock::sha256_hex;
 use crate::manifest::Finding;
 use crate::plugin::{PluginError, PluginInstance, PluginLibrary};
 use crate::policy::PolicyNetwork;
+use crate::registry;
 
 /// Serves one instance over the socket that is this process's stdin and the memory at `memory`.
 ///
@@ -72,6 +74,10 @@ fn end_with_the_host(wire: UnixStream) -> io::Result<()> {
 }
 
 fn load(start: Start) -> Result<(Started, Option<PluginInstance>), PluginError> {
+    if let Some(trial) = start.trial {
+        try_skill(trial);
+        return Ok((Started::default(), None));
+    }
     let file = Path::new(&start.library);
     let library = PluginLibrary::open_exactly(file, &start.sha256)?;
     let description = Some(Description::of(library.description()));
@@ -81,6 +87,17 @@ fn load(start: Start) -> Result<(Started, Option<PluginInstance>), PluginError> 
     let instance = instance(file, &library, create)?;
     let needs = Some(Needs::of(instance.needs()));
     Ok((Started { description, needs, refused: None }, Some(instance)))
+}
+
+/// Loads the skill and asks its predictors once; only whether this process survives that is of interest.
+fn try_skill(trial: Trial) {
+    let installation = Installation {
+        root: trial.root.into(),
+        plugin_path: trial.plugin_path.into_iter().map(Into::into).collect(),
+    };
+    if let Some(robot) = trial.robot.into_api() {
+        registry::try_deployed(&installation, &trial.deployment, &trial.skill, trial.is_locked, &robot);
+    }
 }
 
 fn instance(

@@ -15,6 +15,27 @@ pub(super) struct Start {
     /// An instance; none when the library is only to describe itself.
     #[prost(message, optional, tag = "3")]
     pub(super) create: Option<Create>,
+    /// Instead of a library: a skill that is only to be loaded, whole.
+    #[prost(message, optional, tag = "4")]
+    pub(super) trial: Option<Trial>,
+}
+
+/// A skill, where it lies.
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct Trial {
+    #[prost(string, tag = "1")]
+    pub(super) root: String,
+    #[prost(string, repeated, tag = "2")]
+    pub(super) plugin_path: Vec<String>,
+    #[prost(string, tag = "3")]
+    pub(super) deployment: String,
+    #[prost(string, tag = "4")]
+    pub(super) skill: String,
+    /// Whether only what the deployment's lock has is taken.
+    #[prost(bool, tag = "5")]
+    pub(super) is_locked: bool,
+    #[prost(message, required, tag = "6")]
+    pub(super) robot: Robot,
 }
 
 #[derive(Clone, PartialEq, prost::Message)]

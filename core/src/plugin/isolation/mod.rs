@@ -14,5 +14,6 @@ mod message;
 mod wire;
 
 pub use child::isolate_with;
+pub(crate) use child::try_skill;
 pub(super) use child::{ChildInstance, Program};
 pub use host::serve;

@@ -22,6 +22,9 @@ impl Overruns {
     /// within a second.
     pub(crate) fn note(&mut self, skill: usize, tick: u64) -> bool {
         let last = &mut self.last[skill];
+        if last[WITHIN_A_SECOND - 2] == Some(tick) {
+            return false;
+        }
         let is_last = last[0].is_some_and(|oldest| tick - oldest < self.ticks_per_second);
         last.rotate_left(1);
         last[WITHIN_A_SECOND - 2] = Some(tick);
@@ -50,6 +53,9 @@ mod tests {
         let mut overruns = Overruns::new(50.0, 2);
         assert_eq!([0, 49, 50, 51].map(|tick| overruns.note(0, tick)), [false, false, false, true]);
         assert!(!overruns.note(1, 51), "skills count apart");
+        let mut overruns = Overruns::new(50.0, 1);
+        let twice_in_a_tick = [7, 7, 8, 8, 9].map(|tick| overruns.note(0, tick));
+        assert_eq!(twice_in_a_tick, [false, false, false, false, true]);
         overruns.restart();
         assert_eq!([52, 53].map(|tick| overruns.note(0, tick)), [false, false]);
     }

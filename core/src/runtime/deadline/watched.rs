@@ -1,5 +1,6 @@
 //! A controller and a pair of predictors that answer in time or not at all.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use vocaloco_plugin_api::{Command, JointTarget, RobotState};
@@ -7,23 +8,36 @@ use vocaloco_plugin_api::{Command, JointTarget, RobotState};
 use super::worker::{TooLate, Worker};
 use crate::heightfield::Field;
 use crate::plugin::StateBuffer;
+use crate::runtime::background::Beside;
 use crate::runtime::{CallFault, Controller, Predict};
 use crate::selector::Prediction;
+
+/// Longest time to start a process anew that has ended; no loop waits for it.
+const REVIVAL: Duration = Duration::from_mins(1);
 
 /// A controller on a thread of its own.
 pub(crate) struct WatchedController {
     worker: Worker<Call>,
+    /// The process that it runs in, where that is another.
+    process: Arc<Beside>,
     budget: Duration,
 }
 
 /// A call of a controller, and its answer.
 struct Call {
-    resets: bool,
-    acts: bool,
+    what: What,
     state: StateBuffer,
     command: Command,
     joints: Vec<JointTarget>,
     answer: Result<(), (&'static str, CallFault)>,
+}
+
+#[derive(Clone, Copy)]
+enum What {
+    Reset,
+    Act,
+    ResetAndAct,
+    Revive,
 }
 
 impl WatchedController {
@@ -33,40 +47,49 @@ impl WatchedController {
         budget: Duration,
     ) -> std::io::Result<Self> {
         let call = Call {
-            resets: false,
-            acts: false,
+            what: What::Act,
             state: StateBuffer::default(),
             command: Command::velocity(0.0, 0.0, 0.0),
             joints: Vec::new(),
             answer: Ok(()),
         };
+        let process = Arc::new(Beside::default());
+        let beside = Arc::clone(&process);
+        controller.process().inspect(|&number| process.follow(number));
         let run = move |call: &mut Call| {
+            beside.come_back();
             let state = call.state.state();
-            call.answer = match (call.resets, call.acts) {
-                (true, true) => controller.begin(&state, &call.command, &mut call.joints),
-                (true, false) => controller.reset(&state).map_err(|fault| ("reset", fault)),
-                _ => controller.act(&state, &call.command, &mut call.joints).map_err(|fault| ("act", fault)),
+            call.answer = match call.what {
+                What::ResetAndAct => controller.begin(&state, &call.command, &mut call.joints),
+                What::Reset => controller.reset(&state).map_err(|fault| ("reset", fault)),
+                What::Act => {
+                    controller.act(&state, &call.command, &mut call.joints).map_err(|fault| ("act", fault))
+                }
+                What::Revive => {
+                    controller.revive();
+                    controller.process().inspect(|&number| beside.follow(number));
+                    Ok(())
+                }
             };
+            beside.come_back();
         };
         let panicked = |call: &mut Call, words: &str| {
             call.answer = Err(("act", CallFault::Failed(format!("panicked: {words}"))));
         };
-        Ok(Self { worker: Worker::start(format!("act {skill}"), call, run, panicked)?, budget })
+        Ok(Self { worker: Worker::start(format!("act {skill}"), call, run, panicked)?, process, budget })
     }
 
-    /// What a call answers within the budget; `resets` first, and acts where there are targets to fill.
+    /// What a call answers within the budget.
     fn ask(
         &mut self,
-        resets: bool,
+        what: What,
         state: &RobotState<'_>,
         command: &Command,
-        joints: Option<&mut [JointTarget]>,
+        joints: &mut [JointTarget],
     ) -> Result<(), (&'static str, CallFault)> {
-        let (acts, budget) = (joints.is_some(), self.budget);
-        let joints = joints.unwrap_or_default();
-        let count = joints.len();
+        let (count, budget) = (joints.len(), self.budget);
         let fill = |call: &mut Call| {
-            (call.resets, call.acts) = (resets, acts);
+            call.what = what;
             call.state.copy_from(state);
             call.command = *command;
             // What the controller leaves out is no number, as without a thread.
@@ -79,10 +102,11 @@ impl WatchedController {
             call.answer.clone()
         });
         answered.unwrap_or_else(|TooLate| {
-            let call = match (resets, acts) {
-                (true, true) => "reset and act",
-                (true, false) => "reset",
-                _ => "act",
+            self.process.give_way();
+            let call = match what {
+                What::ResetAndAct => "reset and act",
+                What::Reset => "reset",
+                What::Act | What::Revive => "act",
             };
             Err((call, CallFault::Overrun(budget)))
         })
@@ -92,7 +116,7 @@ impl WatchedController {
 impl Controller for WatchedController {
     fn reset(&mut self, state: &RobotState<'_>) -> Result<(), CallFault> {
         let standing = Command::velocity(0.0, 0.0, 0.0);
-        self.ask(true, state, &standing, None).map_err(|(_, fault)| fault)
+        self.ask(What::Reset, state, &standing, &mut []).map_err(|(_, fault)| fault)
     }
 
     fn act(
@@ -101,7 +125,7 @@ impl Controller for WatchedController {
         command: &Command,
         joints: &mut [JointTarget],
     ) -> Result<(), CallFault> {
-        self.ask(false, state, command, Some(joints)).map_err(|(_, fault)| fault)
+        self.ask(What::Act, state, command, joints).map_err(|(_, fault)| fault)
     }
 
     fn begin(
@@ -110,7 +134,12 @@ impl Controller for WatchedController {
         command: &Command,
         joints: &mut [JointTarget],
     ) -> Result<(), (&'static str, CallFault)> {
-        self.ask(true, state, command, Some(joints))
+        self.ask(What::ResetAndAct, state, command, joints)
+    }
+
+    fn revive(&mut self) {
+        // One that hangs still is not revived: its thread is not free.
+        let _ = self.worker.ask(REVIVAL, |call| call.what = What::Revive, |_| ());
     }
 
     fn set_budget(&mut self, budget: Duration) {

@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use crate::runtime::background::follow_closely;
+use crate::runtime::background::Beside;
 
 /// Whose turn it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,6 +29,8 @@ struct Slot<J> {
 struct Shared<J> {
     slot: Mutex<Slot<J>>,
     changed: Condvar,
+    /// The thread.
+    beside: Beside,
 }
 
 impl<J> Shared<J> {
@@ -59,14 +61,17 @@ impl<J: Send + 'static> Worker<J> {
         panicked: fn(&mut J, &str),
     ) -> std::io::Result<Self> {
         let slot = Slot { turn: Turn::Caller, job: Some(Box::new(job)), is_abandoned: false };
-        let shared = Arc::new(Shared { slot: Mutex::new(slot), changed: Condvar::new() });
+        let shared =
+            Arc::new(Shared { slot: Mutex::new(slot), changed: Condvar::new(), beside: Beside::default() });
         let theirs = Arc::clone(&shared);
         std::thread::Builder::new().name(name).spawn(move || {
-            follow_closely(0);
+            theirs.beside.follow_here();
             while let Some(mut job) = next(&theirs) {
+                theirs.beside.come_back();
                 if let Err(panic) = catch_unwind(AssertUnwindSafe(|| run(&mut job))) {
                     panicked(&mut job, words(&*panic));
                 }
+                theirs.beside.come_back();
                 let mut slot = theirs.lock();
                 slot.job = Some(job);
                 slot.turn = Turn::Answered;
@@ -97,6 +102,7 @@ impl<J: Send + 'static> Worker<J> {
         let waited = self.shared.changed.wait_timeout_while(slot, budget, waits);
         let (mut slot, _) = waited.unwrap_or_else(PoisonError::into_inner);
         if slot.turn != Turn::Answered {
+            self.shared.beside.give_way();
             return Err(TooLate);
         }
         slot.turn = Turn::Caller;

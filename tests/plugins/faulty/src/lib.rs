@@ -25,6 +25,10 @@ enum Fault {
     InfiniteGain,
     OutOfRange,
     NegativeStiffness,
+    /// Asks for no gains at all.
+    Limp,
+    /// Prints a line to stdout and takes one from stdin.
+    Prints,
     /// Leaves the targets as they were handed in.
     Silent,
     /// Sleeps 1.5 s.
@@ -140,6 +144,8 @@ impl Skill for Faulty {
             Some("infinite_gain") => Fault::InfiniteGain,
             Some("out_of_range") => Fault::OutOfRange,
             Some("negative_stiffness") => Fault::NegativeStiffness,
+            Some("limp") => Fault::Limp,
+            Some("prints") => Fault::Prints,
             Some("silent") => Fault::Silent,
             Some("slow") => Fault::Slow,
             Some("billion") => Fault::Billion,
@@ -152,6 +158,9 @@ impl Skill for Faulty {
             Some("segfault") => Fault::Segfault,
             Some("abort") => Fault::Abort,
             Some("abort_in_create") => std::process::abort(),
+            Some("hang_in_create") => loop {
+                std::thread::sleep(Duration::from_millis(1));
+            },
             Some("wild") => Fault::Wild(0),
             Some("fragile") => Fault::Fragile(0),
             Some(other) => return Err(refuse(other)),
@@ -231,6 +240,16 @@ impl Skill for Faulty {
                 Fault::InfiniteGain => joint.damping_nms_per_rad = f32::INFINITY,
                 Fault::OutOfRange => joint.position_rad = 50.0,
                 Fault::NegativeStiffness => joint.stiffness_nm_per_rad = -80.0,
+                Fault::Limp => {
+                    for joint in joints {
+                        (joint.stiffness_nm_per_rad, joint.damping_nms_per_rad) = (0.0, 0.0);
+                    }
+                }
+                #[allow(clippy::print_stdout, reason = "that it does is its fault")]
+                Fault::Prints => {
+                    println!("where do my words end up?");
+                    drop(std::io::stdin().read_line(&mut String::new()));
+                }
                 Fault::Slow => std::thread::sleep(Duration::from_millis(1500)),
                 Fault::Billion => joint.position_rad = 1e9,
                 Fault::Long => joints[self.stand_rad.len()] = JointTarget::default(),
