@@ -109,7 +109,10 @@ fn a_skill_that_comes_and_goes_while_the_loop_drives_is_timed_and_ends_in_the_st
         "{report:#}"
     );
     assert!((0.0..30.0).contains(&after("gone_after_s")), "{report:#}");
-    assert_eq!(report["quiet"]["late"], 0, "{report:#}");
+    // Loading a skill takes longer than that, and is no part of a tick.
+    for tick in report["swap_us"].as_array().expect("two ticks") {
+        assert!(tick.as_f64().is_some_and(|us| us < 1e5), "{report:#}");
+    }
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, ErrorKind, Write};
+use std::process::Stdio;
 use std::sync::OnceLock;
 
 /// Stdout as this program was given it, once it keeps it for itself.
@@ -36,6 +37,14 @@ pub(crate) fn results() -> Box<dyn Write> {
         Some(own) => Box::new(io::BufWriter::with_capacity(64 << 10, own)),
         None => Box::new(io::stdout().lock()),
     }
+}
+
+/// Stdout for another program whose results are this one's.
+///
+/// # Errors
+/// The system gives no other descriptor for it.
+pub(crate) fn handed_on() -> io::Result<Stdio> {
+    OWN.get().map_or_else(|| Ok(Stdio::inherit()), |own| own.try_clone().map(Stdio::from))
 }
 
 /// Says a line to people. A stderr that takes nothing, a full disk's or one that nobody reads, ends nothing else.

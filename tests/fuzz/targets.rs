@@ -1,20 +1,28 @@
 //! What is fed to whom: bytes that anybody may have written, into every door that takes such bytes.
 //! A target returns whatever it is given; a panic, an abort or a value that must not get out is a bug.
 
+use std::cell::RefCell;
 use std::io::Write as _;
+use std::ops::ControlFlow;
 use std::path::Path;
+use std::sync::Arc;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use vocaloco_core::bundle;
 use vocaloco_core::elevation::Elevation;
-use vocaloco_core::heightfield::{COLUMNS, Heightfield, ROWS};
+use vocaloco_core::heightfield::{COLUMNS, Field, Heightfield, ROWS};
 use vocaloco_core::lock::{PublicKey, Signature};
-use vocaloco_core::manifest::{Deployment, SkillManifest};
+use vocaloco_core::manifest::{CommandRange, Deployment, SkillManifest};
 use vocaloco_core::policy::PolicyNetwork;
 use vocaloco_core::predictor::{Predictor, Quantity};
 use vocaloco_core::robot::RobotModel;
-use vocaloco_core::stdio;
+use vocaloco_core::runtime::{CallFault, Controller, Predict, Runtime, RuntimeConfig, Skill};
+use vocaloco_core::selector::{Prediction, Rule};
+use vocaloco_core::stdio::{self, Greeting};
+use vocaloco_core::switch::Windows;
+use vocaloco_plugin_api::abi::abi_stable::std_types::RSome;
+use vocaloco_plugin_api::{Command, CommandKind, JointTarget, Needs, RobotState, TerrainPatch};
 
 /// A door: bytes in, nothing out.
 pub(crate) type Target = fn(&[u8]);
@@ -91,14 +99,21 @@ fn heightfield(bytes: &[u8]) {
         assert!(field.as_slice().iter().all(|height| height.is_finite()), "{:?}", field.as_slice());
     }
     let mut next = || f64::from(numbers.next().unwrap_or(1.0));
-    let elevation = Elevation {
+    let mut elevation = Elevation {
         t_s: next(),
         resolution_m: next(),
         back_m: next(),
         front_m: next(),
         half_width_m: next(),
-        height_m: raw.cells_m.as_flattened().to_vec(),
+        height_m: Vec::new(),
     };
+    // As many heights as the map says that it has, where that is no continent; otherwise as few.
+    let count = elevation.rows().saturating_mul(elevation.columns()).min(20_000);
+    elevation.height_m.extend(raw.cells_m.as_flattened().iter().cycle().take(count));
+    if elevation.check().is_ok() {
+        let mut patch_m = vec![0.0; MAP.rows() * MAP.columns()];
+        elevation.patch(&MAP, &mut patch_m);
+    }
     if let Ok(field) = elevation.heightfield() {
         let _ = field
             .prepare(None)
@@ -106,20 +121,88 @@ fn heightfield(bytes: &[u8]) {
     }
 }
 
-/// A line of `run --source stdio`.
-fn line(bytes: &[u8]) {
-    use std::sync::LazyLock;
-    static ROBOT: LazyLock<RobotModel> = LazyLock::new(|| {
-        let here = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let robots = here.ancestors().map(|folder| folder.join("manifests/robots")).find(|it| it.is_dir());
-        RobotModel::load(&robots.expect("the repository"), "anymal_d").expect("the shipped robot")
-    });
-    if let Ok(observation) = stdio::parse(bytes, &ROBOT.description) {
-        assert!(observation.joint_position_rad.iter().all(|position| position.is_finite()));
-        if let Some(elevation) = &observation.elevation {
-            let _ = elevation.heightfield().map(|field| field.prepare(None));
-        }
+/// What a plugin of the session asks of the map.
+const MAP: TerrainPatch = TerrainPatch { back_m: 1.2, front_m: 2.2, half_width_m: 0.7, resolution_m: 0.05 };
+
+/// Holds whatever joints it is given.
+struct Holds;
+
+impl Controller for Holds {
+    fn reset(&mut self, _: &RobotState<'_>) -> Result<(), CallFault> {
+        Ok(())
     }
+
+    fn act(
+        &mut self,
+        state: &RobotState<'_>,
+        _: &Command,
+        joints: &mut [JointTarget],
+    ) -> Result<(), CallFault> {
+        for (target, &position_rad) in joints.iter_mut().zip(state.joint_position_rad.iter()) {
+            let (stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm) = (80.0, 2.0, 0.0);
+            *target =
+                JointTarget { position_rad, stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm };
+        }
+        Ok(())
+    }
+}
+
+/// Likes whatever it is shown.
+struct Likes;
+
+impl Predict for Likes {
+    fn predict(&mut self, field: &Field) -> (Prediction, Option<CallFault>) {
+        assert!(field.as_slice().iter().all(|height| height.is_finite()), "{:?}", field.as_slice());
+        (Prediction::of(0.99, 0.3), None)
+    }
+}
+
+/// A loop whose one skill drives from the first usable line on, and its greeting.
+fn session() -> (Runtime, Greeting) {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let robots = here.ancestors().map(|folder| folder.join("manifests/robots")).find(|it| it.is_dir());
+    let robot = RobotModel::load(&robots.expect("the repository"), "anymal_d").expect("the shipped robot");
+    let skill = Skill {
+        rule: Rule {
+            name: "any".to_owned(),
+            viability_threshold: 0.9,
+            hold_threshold: 0.9,
+            cost_margin: 0.0,
+            command: CommandRange {
+                kind: CommandKind::Velocity,
+                forward_m_per_s: [-1.0, 1.0],
+                target_distance_m: None,
+            },
+            time_limit_s: 4.0,
+            committed: false,
+        },
+        needs: Needs { policy: false, terrain: RSome(MAP), foot_contacts: true, joint_torques: false },
+        controller: Box::new(Holds),
+        predictors: Box::new(Likes),
+    };
+    let config = RuntimeConfig::of(Windows { switch: 1, stop: 1, resume: 1 });
+    let runtime = Runtime::from_skills(config, Arc::new(robot), vec![skill]);
+    let greeting = Greeting::of(&runtime, "any", Vec::new());
+    (runtime, greeting)
+}
+
+/// All that `run --source stdio` is sent: every line is answered, with targets that are numbers.
+fn line(bytes: &[u8]) {
+    thread_local! {
+        static SESSION: RefCell<(Runtime, Greeting)> = RefCell::new(session());
+    }
+    SESSION.with_borrow_mut(|(runtime, greeting)| {
+        runtime.restart();
+        let mut answers = Vec::new();
+        let served = stdio::serve(runtime, greeting, bytes, &mut answers, |_| ControlFlow::Continue(()));
+        let served = served.expect("memory takes it");
+        let answers = std::str::from_utf8(&answers).expect("UTF-8");
+        let lines = bytes.split(|&byte| byte == b'\n').count()
+            - usize::from(bytes.is_empty() || bytes.ends_with(b"\n"));
+        assert_eq!((served.lines, answers.lines().count()), (lines as u64, 1 + lines));
+        // A number that is none is written as null.
+        assert!(!answers.contains("_rad\":null") && !answers.contains("_nm\":null"), "{answers}");
+    });
 }
 
 /// A bundle.

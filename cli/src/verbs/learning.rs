@@ -9,6 +9,7 @@ use anyhow::{Context, bail};
 
 use super::Shared;
 use crate::exit::Exit;
+use crate::output;
 
 #[derive(clap::Args)]
 #[command(disable_help_flag = true)]
@@ -34,6 +35,7 @@ pub(super) fn hand_over(typed: &str, verb: &str) -> anyhow::Result<Exit> {
     let status = Command::new(&binary)
         .arg(verb)
         .args(arguments)
+        .stdout(output::handed_on()?)
         .status()
         .with_context(|| format!("{} does not start", binary.display()))?;
     Ok(match status.code() {

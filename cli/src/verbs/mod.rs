@@ -75,9 +75,7 @@ pub(crate) enum Verb {
 
 impl Verb {
     pub(crate) fn run(self) -> anyhow::Result<Exit> {
-        if !matches!(self, Self::Train(_) | Self::TrainPolicy(_)) {
-            output::keep_for_results()?;
-        }
+        output::keep_for_results()?;
         match self {
             #[cfg(feature = "sim")]
             Self::Demo(args) => demo::run(args),

@@ -70,12 +70,20 @@ pub struct SwitchesRow {
     pub acceleration_before: Option<Peaks>,
     /// The same within skills.
     pub acceleration_within: Option<Peaks>,
+    /// The same after a skill takes over from the stand.
+    pub acceleration_at_starts: Option<Peaks>,
+    /// The same after the stand takes over from a skill, at a stop or a fault.
+    pub acceleration_at_stops: Option<Peaks>,
     /// Peak joint torque in the stretch after a switch between skills, N·m.
     pub torque_at_switches: Option<Peaks>,
     /// The same in the stretch before that switch.
     pub torque_before: Option<Peaks>,
     /// The same within skills.
     pub torque_within: Option<Peaks>,
+    /// The same after a skill takes over from the stand.
+    pub torque_at_starts: Option<Peaks>,
+    /// The same after the stand takes over from a skill.
+    pub torque_at_stops: Option<Peaks>,
 }
 
 /// Rolls a course out `n` times with runtimes that switch in one way, in parallel on the current rayon pool.
@@ -116,7 +124,7 @@ pub fn switches(
     for (run, peaks) in &runs {
         all.add(run, peaks);
     }
-    let Stretches { at, before, within } = all;
+    let Stretches { at, before, within, starts, stops } = all;
     let acceleration =
         |peaks: &[Peak]| summary(peaks.iter().map(|peak| peak.acceleration_rad_per_s2).collect());
     let torque = |peaks: &[Peak]| summary(peaks.iter().map(|peak| peak.torque_nm).collect());
@@ -131,9 +139,13 @@ pub fn switches(
         acceleration_at_switches: acceleration(&at),
         acceleration_before: acceleration(&before),
         acceleration_within: acceleration(&within),
+        acceleration_at_starts: acceleration(&starts),
+        acceleration_at_stops: acceleration(&stops),
         torque_at_switches: torque(&at),
         torque_before: torque(&before),
         torque_within: torque(&within),
+        torque_at_starts: torque(&starts),
+        torque_at_stops: torque(&stops),
     })
 }
 
@@ -164,12 +176,15 @@ impl Watch {
     }
 }
 
-/// The peak of every stretch after a switch between skills, before one, and within a skill.
+/// The peak of every stretch after a switch between skills, before one, within a skill, and after the stand hands over or
+/// takes over.
 #[derive(Debug, Default, PartialEq)]
 struct Stretches {
     at: Vec<Peak>,
     before: Vec<Peak>,
     within: Vec<Peak>,
+    starts: Vec<Peak>,
+    stops: Vec<Peak>,
 }
 
 impl Stretches {
@@ -180,18 +195,22 @@ impl Stretches {
             let stretch = peaks.get(from..from + length)?;
             Some(stretch.iter().fold(Peak::default(), |most, peak| most.max(*peak)))
         };
-        let starts: Vec<usize> = run.switches.iter().map(|switch| step(switch.t_s)).collect();
+        let taken: Vec<usize> = run.switches.iter().map(|switch| step(switch.t_s)).collect();
         for (index, switch) in run.switches.iter().enumerate() {
-            if switch.from != "stand" && switch.to != "stand" {
-                self.at.extend(peak(starts[index]));
-                let began = index.checked_sub(1).map_or(0, |last| starts[last]);
-                let before = starts[index].checked_sub(length).filter(|&from| from >= began);
+            let (at, is_between) = match (switch.from.as_str(), switch.to.as_str()) {
+                ("stand", _) => (&mut self.starts, false),
+                (_, "stand") => (&mut self.stops, false),
+                _ => (&mut self.at, true),
+            };
+            at.extend(peak(taken[index]));
+            if is_between {
+                let began = index.checked_sub(1).map_or(0, |last| taken[last]);
+                let before = taken[index].checked_sub(length).filter(|&from| from >= began);
                 self.before.extend(before.and_then(peak));
             }
             if switch.to != "stand" {
-                let end = starts.get(index + 1).copied().unwrap_or(peaks.len());
-                let from =
-                    (starts[index] + settled..).step_by(length).take_while(|from| from + length <= end);
+                let end = taken.get(index + 1).copied().unwrap_or(peaks.len());
+                let from = (taken[index] + settled..).step_by(length).take_while(|from| from + length <= end);
                 self.within.extend(from.filter_map(peak));
             }
         }
@@ -236,7 +255,10 @@ mod tests {
         peaks[250].acceleration_rad_per_s2 = 50.0; // Within walk.
         peaks[720].torque_nm = 99.0; // While it stands.
         peaks[370].acceleration_rad_per_s2 = 30.0; // 150 ms before the switch.
-        let Stretches { at, before, within } = stretches(&run, &peaks);
+        peaks[725].acceleration_rad_per_s2 = 40.0; // 25 ms after the stop.
+        let Stretches { at, before, within, starts, stops } = stretches(&run, &peaks);
+        assert_eq!(starts, [Peak { acceleration_rad_per_s2: 1.0, torque_nm: 2.0 }]);
+        assert_eq!(stops, [Peak { acceleration_rad_per_s2: 40.0, torque_nm: 99.0 }]);
         assert_eq!(before, [Peak { acceleration_rad_per_s2: 30.0, torque_nm: 2.0 }]);
         assert_eq!(at, [Peak { acceleration_rad_per_s2: 1.0, torque_nm: 70.0 }]);
         assert_eq!(within.len(), 6 + 5, "0.8 to 2.0 s and 2.6 to 3.6 s");
@@ -254,7 +276,7 @@ mod tests {
     fn a_stretch_cut_short_by_the_end_or_by_another_switch_is_left_out() {
         let peaks = [Peak::default(); 200];
         let lengths = |switches: &[(f64, &str, &str)]| {
-            let Stretches { at, before, within } = stretches(&run(switches), &peaks);
+            let Stretches { at, before, within, .. } = stretches(&run(switches), &peaks);
             [at.len(), before.len(), within.len()]
         };
         assert_eq!(lengths(&[(0.0, "stand", "walk"), (0.9, "walk", "ascend")]), [0, 1, 1]);

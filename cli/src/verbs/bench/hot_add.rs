@@ -29,7 +29,7 @@ use crate::{output, progress};
 ///
 /// `lateness` is the time from a tick's beat, when its measurement is due, to its targets: the system's
 /// waking of the loop and the tick itself. `quiet` is what it is without any change; `late` counts the
-/// ticks more than 2 ms beyond the longest of them.
+/// ticks whose targets came after the next beat.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The skill that comes and goes; it must be what drives on flat ground when it is there
@@ -47,8 +47,6 @@ pub(crate) struct Args {
 
 /// Longest wait for anything, s.
 const PATIENCE_S: f64 = 60.0;
-/// How much later than the latest quiet one a tick counts as late.
-const LATE: Duration = Duration::from_millis(2);
 
 /// What `--json` prints.
 #[derive(Serialize)]
@@ -86,12 +84,11 @@ struct Lateness {
 }
 
 impl Lateness {
-    fn of(phase: &[Duration], quiet: &[Duration]) -> Self {
-        let bound = quiet.iter().max().copied().unwrap_or_default() + LATE;
+    fn of(phase: &[Duration], period: Duration) -> Self {
         let mut sorted: Vec<f64> = phase.iter().map(|lateness| 1e6 * lateness.as_secs_f64()).collect();
         sorted.sort_by(f64::total_cmp);
         let [p50_us, p99_us, max_us] = [0.5, 0.99, 1.0].map(|share| quantile(&sorted, share));
-        let late = phase.iter().filter(|lateness| **lateness > bound).count();
+        let late = phase.iter().filter(|lateness| **lateness > period).count();
         Self { ticks: phase.len(), p50_us, p99_us, max_us, late }
     }
 }
@@ -140,9 +137,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
         gone_after_s: (went.at_s - removed_s).max(0.0),
         then_drives: went.active,
         swap_us: [came.took_us, went.took_us],
-        quiet: Lateness::of(&quiet, &quiet),
-        adding: Lateness::of(&adding, &quiet),
-        removing: Lateness::of(&removing, &quiet),
+        quiet: Lateness::of(&quiet, beats.period),
+        adding: Lateness::of(&adding, beats.period),
+        removing: Lateness::of(&removing, beats.period),
         backend: format!("{} {}", backend().name, backend().version),
     };
     if args.shared.json {
@@ -165,7 +162,7 @@ fn say(report: &Report) -> anyhow::Result<()> {
         let Lateness { ticks, p50_us, p99_us, max_us, late } = of;
         output::line(&format!(
             "{phase:9}{ticks} ticks after their beats by p50 {p50_us:.0} µs, p99 {p99_us:.0} µs, max {max_us:.0} µs; \
-             {late} more than 2 ms beyond the longest quiet one"
+             {late} after the next beat"
         ))?;
     }
     output::line(&report.command)?;

@@ -97,21 +97,30 @@ fn report(args: &Args, rows: &[SwitchesRow]) -> anyhow::Result<()> {
         return Ok(output::json(&Report { command, seed, version: env!("CARGO_PKG_VERSION"), rows })?);
     }
     output::line(
-        "window        n  reached   peak rad/s², p50 p95 max: at switches, before them, within   peak N·m: the same",
+        "window        n  reached   peak rad/s², p50 p95 max: at switches, before them, within, at starts, at stops   peak \
+         N·m: the same",
     )?;
     for row in rows {
         let way = if row.mixing { " mixed" } else { "" };
         output::line(&format!(
-            "{:<12} {:>3}  {:>6.3}   {}   {}   {}   {}   {}   {}",
+            "{:<12} {:>3}  {:>6.3}   {}",
             format!("{:.2} s{way}", row.ramp_s),
             row.n,
             row.reached,
-            peaks(row.acceleration_at_switches.as_ref()),
-            peaks(row.acceleration_before.as_ref()),
-            peaks(row.acceleration_within.as_ref()),
-            peaks(row.torque_at_switches.as_ref()),
-            peaks(row.torque_before.as_ref()),
-            peaks(row.torque_within.as_ref()),
+            [
+                &row.acceleration_at_switches,
+                &row.acceleration_before,
+                &row.acceleration_within,
+                &row.acceleration_at_starts,
+                &row.acceleration_at_stops,
+                &row.torque_at_switches,
+                &row.torque_before,
+                &row.torque_within,
+                &row.torque_at_starts,
+                &row.torque_at_stops,
+            ]
+            .map(|of| peaks(of.as_ref()))
+            .join("   "),
         ))?;
     }
     output::line(&command)?;
