@@ -2,11 +2,10 @@
 //! of NaN, and that of another answers no number wherever the ground is not flat. The robot still reaches the end of its course with the skills that are left, and the log says what
 //! became of the others.
 
-use std::path::Path;
 use std::process::Command;
 
 use serde_json::Value;
-use vocaloco_tests::{Fixture, constant_model, overflowing_model, plugin_folder, repository};
+use vocaloco_tests::{Fixture, constant_model, overflowing_model, plugin_folder};
 
 /// Those that are broken, what their plugin does and their predicted cost: each is tried before any sound one.
 const BROKEN: [(&str, &str, f32); 4] = [
@@ -18,22 +17,10 @@ const BROKEN: [(&str, &str, f32); 4] = [
 /// The shipped deployment's skills.
 const SOUND: [&str; 3] = ["walk", "ascend_network", "descend_network"];
 
-fn copy(fixture: &Fixture, path: &Path) {
-    for entry in std::fs::read_dir(repository().join(path)).expect("a shipped folder") {
-        let file = path.join(entry.expect("an entry").file_name());
-        fixture
-            .write(file.to_str().expect("UTF-8"), &std::fs::read(repository().join(&file)).expect("a file"));
-    }
-}
-
 /// The shipped deployment with the broken skills before it; those in `isolated` have a process of their own.
 fn fixture(isolated: &[&str]) -> Fixture {
     let fixture = Fixture::new();
-    for skill in SOUND {
-        let manifest = format!("manifests/skills/{skill}.toml");
-        fixture.write(&manifest, &std::fs::read(repository().join(&manifest)).expect("a shipped manifest"));
-        copy(&fixture, &Path::new("skills").join(skill));
-    }
+    fixture.add_shipped(&SOUND);
     for (name, fault, cot) in BROKEN {
         fixture.add_skill(name, fault, 0.99, cot);
     }
@@ -56,7 +43,7 @@ fn run(fixture: &Fixture, arguments: &[&str]) -> Value {
         .output()
         .expect("the program starts");
     let narration = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(0), "{narration}");
+    assert!(output.status.code().is_some_and(|code| code < 2), "{narration}");
     serde_json::from_slice(&output.stdout).expect("one JSON object on stdout and nothing else")
 }
 
@@ -98,12 +85,35 @@ fn with_broken_skills_before_them_the_shipped_ones_climb_twelve_centimetres() {
         assert!(events.contains(&wanted), "{wanted:?} is not in {events}");
     }
     assert_broken_do_not_drive(&report);
+    assert_positive_overruns(&report);
+}
+
+/// The demonstration itself, all of its courses. That a skill failed on the way to the stop is a finding: exit code 1.
+#[test]
+fn with_broken_skills_before_them_the_demonstration_ends_as_it_should() {
+    let fixture = fixture(&["hanging", "crashing"]);
+    let out = fixture.root().join("demo");
+    let out = out.to_str().expect("UTF-8");
+    let report = run(&fixture, &["demo", "--deployment", "broken", "--out", out, "--json"]);
+    let courses = report["courses"].as_array().expect("courses");
+    // Up and down 12 cm, the lowest steps that walk does not take, and before 40 cm.
+    assert!(courses.len() >= 3, "{report:#}");
+    for course in courses {
+        assert_eq!(course["outcome"], course["expected"], "{course:#}");
+        assert_positive_overruns(course);
+    }
+    assert_eq!([&courses[0], &courses[1]].map(|course| &course["outcome"]), ["reached"; 2], "{report:#}");
+    assert_eq!(courses.last().expect("a course")["outcome"], "stopped", "{report:#}");
+}
+
+/// A hang was waited for, and is counted.
+fn assert_positive_overruns(report: &Value) {
     assert!(report["timing"]["overruns"].as_u64().is_some_and(|count| count >= 1), "{report:#}");
 }
 
 /// In real time the hanging skill is in the loop's own process, where nothing can end it. Held to is what is
-/// decided, not milliseconds: where the machine is so busy that a sound skill is late, the robot stands, and how the
-/// course ends is not looked at. `chrt -f 5` before the test's program keeps other work from that.
+/// decided, not milliseconds: where the machine is so busy that a sound skill is late, the robot stands, and the
+/// course is driven again, three times at most. `chrt -f 5` before the test's program keeps other work from that.
 #[test]
 fn in_real_time_a_skill_that_hangs_in_the_loops_own_process_is_passed_over_too() {
     let fixture = fixture(&["crashing"]);
@@ -112,15 +122,21 @@ fn in_real_time_a_skill_that_hangs_in_the_loops_own_process_is_passed_over_too()
     let deployment = "manifests/deployments/broken.toml";
     let text = std::fs::read_to_string(fixture.root().join(deployment)).expect("a deployment");
     fixture.write(deployment, format!("{text}{budgets}").as_bytes());
-    let (report, events) = climb(&fixture, &["--real-time"]);
-    eprintln!("{}: {}", report["outcome"], report["timing"]);
-    assert_broken_do_not_drive(&report);
-    if SOUND.iter().any(|name| events.contains(&format!("skill {name} is "))) {
-        eprintln!("a sound skill was late: {events}");
+    for _ in 0..3 {
+        let (report, events) = climb(&fixture, &["--real-time"]);
+        eprintln!("{}: {}", report["outcome"], report["timing"]);
+        assert_broken_do_not_drive(&report);
+        if SOUND.iter().any(|name| events.contains(&format!("skill {name} is "))) {
+            eprintln!("a sound skill was late: {events}");
+            continue;
+        }
+        assert_eq!(report["outcome"], "reached", "{report:#}");
+        for skill in ["hanging", "crashing"] {
+            assert!(
+                events.contains(&format!("skill {skill} is taken out of service: ")),
+                "{skill}: {events}"
+            );
+        }
         return;
-    }
-    assert_eq!(report["outcome"], "reached", "{report:#}");
-    for skill in ["hanging", "crashing"] {
-        assert!(events.contains(&format!("skill {skill} is taken out of service: ")), "{skill}: {events}");
     }
 }

@@ -83,6 +83,18 @@ fn a_bit_flipped_in_a_model_is_refused() {
 }
 
 #[test]
+fn a_bit_flipped_in_a_policy_is_refused() {
+    let fixture = installation();
+    fixture.add_shipped(&["ascend_network"]);
+    fixture.add_deployment("two", &["first", "ascend_network"]);
+    locked(&fixture, None);
+    assert_eq!(load(&fixture).expect("as locked").skills.len(), 2);
+    let policy = "skills/ascend_network/policy.onnx";
+    flip(&fixture, policy);
+    is_about(&load(&fixture).expect("one skill is left").refused[0].to_string(), policy);
+}
+
+#[test]
 fn a_bit_flipped_in_a_skills_manifest_is_refused() {
     refusal("manifests/skills/second.toml");
 }

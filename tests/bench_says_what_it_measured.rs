@@ -40,6 +40,10 @@ fn a_tick_of_more_skills_than_are_shipped_is_timed_and_a_skill_drives() {
     assert_eq!((&report["skills"], &report["ticks"]), (&5.into(), &50.into()), "{report:#}");
     assert_positive(&report, &["/p50_us", "/p99_us", "/max_us", "/driven_share"]);
     assert_positive(&report, &["/parts/networks_p50_us", "/parts/known_terrain_p50_us"]);
+    assert_positive(&report, &["/real_time/p50_us", "/real_time/added_p50_us"]);
+    if cfg!(target_os = "linux") {
+        assert_positive(&report, &["/isolated/p50_us", "/isolated/added_p50_us"]);
+    }
     let figure = |name: &str| report[name].as_f64().expect(name);
     assert!(figure("p50_us") <= figure("p99_us") && figure("p99_us") <= figure("max_us"), "{report:#}");
     assert!(report["backend"].is_string(), "{report:#}");

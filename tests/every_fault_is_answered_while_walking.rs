@@ -1,14 +1,17 @@
 //! The table of faults in docs/safety.md, row by row, while the simulated robot walks at 0.6 m/s: the
 //! answer comes within the tick, the record says why, and the robot stays on its feet.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use vocaloco_core::decision::{Decision, Forced};
 use vocaloco_core::elevation::Elevation;
 use vocaloco_core::manifest::Isolation;
 use vocaloco_core::observation::{BaseInOdom, Observation};
+use vocaloco_core::registry::read_deployment;
+use vocaloco_core::runtime::{Followed, Watch};
 use vocaloco_core::selector::Reason;
-use vocaloco_tests::Walking;
+use vocaloco_tests::{Fixture, Walking};
 
 /// The robot stands by this decision, and says why.
 fn assert_stands(walking: &Walking, decision: &Decision, forced: Forced, why: &str) {
@@ -90,7 +93,8 @@ fn an_isolated_plugin_that_ends_its_process_grows_or_never_returns() {
     ] {
         let mut walking = Walking::at_speed(fault, Isolation::Process, None);
         let mut decision = walking.until_bad_is_called();
-        for _ in 0..16 {
+        // 256 MiB more are eight times 32.
+        for _ in 0..8 {
             if ["leak", "second_answer"].contains(&fault) && decision.active == "bad" {
                 decision = walking.tick();
             }
@@ -344,4 +348,55 @@ fn a_cost_that_is_not_positive_and_no_viable_skill_at_all() {
         assert_eq!((1..=60).find(|_| walking.tick().active == "walk"), Some(25), "{reason}: never taken out");
         assert!(walking.is_on_its_feet(), "{reason}");
     }
+}
+
+/// The files of a deployment are looked at as the loop's own thread does it, in between its ticks.
+#[test]
+fn skills_that_come_are_spoiled_or_go() {
+    let mut walking = Walking::at_speed("none", Isolation::None, None);
+    let fixture = Fixture::new();
+    for skill in ["walk", "bad", "trot"] {
+        fixture.add_skill(skill, "none", 0.99, 0.9);
+    }
+    fixture.add_deployment("stairs", &["walk", "bad"]);
+    let installation = fixture.installation();
+    let deployment = read_deployment(&installation, "stairs").expect("sound");
+    let robot = Arc::clone(walking.runtime.robot());
+    let followed = Followed::now(&installation, "stairs");
+    let running = ["walk", "bad"].map(str::to_owned);
+    let mut watch = Watch::new(followed, deployment, robot, running, None);
+    let mut after = |walking: &mut Walking, change: &dyn Fn()| {
+        change();
+        let roster = (0..5).find_map(|_| {
+            // Two looks that agree, a moment apart.
+            std::thread::sleep(Duration::from_millis(20));
+            watch.look()
+        });
+        walking.runtime.adopt(roster.expect("it is news"));
+        walking.tick()
+    };
+    let names = |decision: &Decision| {
+        decision.skills.iter().map(|skill| skill.name.clone()).collect::<Vec<_>>().join(" ")
+    };
+
+    let came = after(&mut walking, &|| fixture.add_deployment("stairs", &["walk", "bad", "trot"]));
+    assert_eq!((names(&came).as_str(), came.active.as_str()), ("walk bad trot", "walk"), "{came:?}");
+    let spoiled = after(&mut walking, &|| fixture.write("skills/trot/cot.onnx", b"nonsense"));
+    assert_eq!((names(&spoiled).as_str(), spoiled.active.as_str()), ("walk bad trot", "walk"), "{spoiled:?}");
+    assert!(spoiled.events[0].contains("cot.onnx"), "{spoiled:?}");
+    let unread = after(&mut walking, &|| fixture.write("manifests/deployments/stairs.toml", b"schema = "));
+    assert_eq!((names(&unread).as_str(), unread.active.as_str()), ("walk bad trot", "walk"), "{unread:?}");
+    assert!(unread.events[0].contains("the skills go on as they were"), "{unread:?}");
+    for _ in 0..50 {
+        assert_eq!(walking.tick().active, "walk", "undisturbed");
+    }
+    let gone = after(&mut walking, &|| fixture.add_deployment("stairs", &["bad"]));
+    assert_eq!((names(&gone).as_str(), gone.active.as_str()), ("bad", "stand"), "{gone:?}");
+    let why = "skill walk is gone while it drives: stop";
+    assert!(gone.stopped && gone.events.iter().any(|event| event == why), "{gone:?}");
+    assert!(walking.stands());
+    for _ in 0..100 {
+        assert_eq!(walking.tick().active, "stand");
+    }
+    assert!(walking.is_on_its_feet());
 }
