@@ -330,3 +330,55 @@ fn the_simulator_is_a_source_like_any_other() {
     again["timing"] = report["timing"].clone();
     assert_eq!(again, report, "and it repeats exactly");
 }
+
+/// On one core, the loop at a real-time priority: what spins in its process must neither keep the sound skill's
+/// predictions from that core nor go on for ever. Where priorities are refused, nothing is looked at.
+#[cfg(target_os = "linux")]
+#[test]
+fn at_a_real_time_priority_an_isolated_plugin_that_spins_keeps_nobody_from_the_core() {
+    let permitted = Command::new("taskset").args(["-c", "0", "chrt", "-f", "20", "true"]).status();
+    if !permitted.is_ok_and(|status| status.success()) {
+        eprintln!("no real-time priorities here");
+        return;
+    }
+    let fixture = fixture();
+    fixture.add_skill("spinning", "spin", 0.99, 0.1);
+    fixture.alter("manifests/skills/spinning.toml", "plugin =", "isolation = \"process\"\nplugin =");
+    fixture.add_deployment("stairs", &["spinning", "walk"]);
+    let mut child = Command::new("taskset")
+        .args(["-c", "0", "chrt", "-f", "20"])
+        .arg(plugin_folder().join("vocaloco"))
+        .args(RUN)
+        .arg("--real-time")
+        .env("VOCALOCO_ROOT", fixture.root())
+        .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut stdin = child.stdin.take().expect("a pipe");
+    let mut answers = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+    let mut answer = || answers.next().expect("an answer").expect("UTF-8");
+    answer();
+    let (mut events, mut drives) = (String::new(), 0);
+    // At the robot's pace, for longer than a call that hangs is given.
+    for tick in 0..200 {
+        writeln!(stdin, "{}", standing_line(tick)).expect("a line is taken");
+        let answer: Value = serde_json::from_str(&answer()).expect("JSON");
+        events += &answer["events"].to_string();
+        drives += usize::from(answer["active"] == "walk");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let children = format!("/proc/{0}/task/{0}/children", child.id());
+    let left = std::fs::read_to_string(children).unwrap_or_default();
+    // Whatever is found below: nothing may spin on at such a priority.
+    for process in left.split_whitespace() {
+        drop(Command::new("kill").args(["-s", "KILL", process]).status());
+    }
+    assert!(events.contains("skill spinning is taken out of service: "), "{events}");
+    assert!(!events.contains("skill walk is "), "the sound one is never late: {events}");
+    assert!(drives > 100, "{drives} ticks of 200: {events}");
+    assert!(left.trim().is_empty(), "its process has ended: {left}");
+    drop(stdin);
+    child.wait().expect("it ends");
+}

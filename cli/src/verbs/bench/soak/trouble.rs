@@ -43,6 +43,8 @@ impl Draws {
     }
 }
 
+/// Way after which the robot's odometry begins anew, m.
+const LAP_M: f64 = 1000.0;
 /// Ticks between two spoiled observations, on average.
 const SPOILED_EVERY: u64 = 150;
 /// Ticks between two commands, on average.
@@ -94,8 +96,9 @@ impl Senses {
     pub(super) fn at(&mut self, tick: u64, t_s: f64) -> (Observation, Option<Forced>) {
         let mut observation = self.approach[tick as usize % APPROACH_TICKS].clone();
         observation.t_s = t_s;
-        observation.base_in_odom =
-            Some(BaseInOdom { position_m: [0.6 * t_s, 0.0, 0.5], orientation_xyzw: [0.0, 0.0, 0.0, 1.0] });
+        // A day's way is 50 km; odometry begins anew before it is no longer taken.
+        let position_m = [(0.6 * t_s) % LAP_M, 0.0, 0.5];
+        observation.base_in_odom = Some(BaseInOdom { position_m, orientation_xyzw: [0.0, 0.0, 0.0, 1.0] });
         observation.elevation.iter_mut().for_each(|elevation| elevation.t_s = t_s);
         if self.draws.is_one_in(COMMANDED_EVERY) {
             // Now and then none, and one that no skill takes.
