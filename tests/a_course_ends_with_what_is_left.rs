@@ -85,7 +85,7 @@ fn with_broken_skills_before_them_the_shipped_ones_climb_twelve_centimetres() {
         assert!(events.contains(&wanted), "{wanted:?} is not in {events}");
     }
     assert_broken_do_not_drive(&report);
-    assert_positive_overruns(&report);
+    assert_positive_overruns(&report["timing"]);
 }
 
 /// The demonstration itself, all of its courses. That a skill failed on the way to the stop is a finding: exit code 1.
@@ -100,15 +100,17 @@ fn with_broken_skills_before_them_the_demonstration_ends_as_it_should() {
     assert!(courses.len() >= 3, "{report:#}");
     for course in courses {
         assert_eq!(course["outcome"], course["expected"], "{course:#}");
-        assert_positive_overruns(course);
+    }
+    for timing in report["timing"].as_array().expect("of each course") {
+        assert_positive_overruns(timing);
     }
     assert_eq!([&courses[0], &courses[1]].map(|course| &course["outcome"]), ["reached"; 2], "{report:#}");
     assert_eq!(courses.last().expect("a course")["outcome"], "stopped", "{report:#}");
 }
 
 /// A hang was waited for, and is counted.
-fn assert_positive_overruns(report: &Value) {
-    assert!(report["timing"]["overruns"].as_u64().is_some_and(|count| count >= 1), "{report:#}");
+fn assert_positive_overruns(timing: &Value) {
+    assert!(timing["overruns"].as_u64().is_some_and(|count| count >= 1), "{timing:#}");
 }
 
 /// In real time the hanging skill is in the loop's own process, where nothing can end it. Held to is what is

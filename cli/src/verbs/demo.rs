@@ -65,6 +65,8 @@ struct Summary {
     noise: NoiseArgs,
     courses: Vec<CourseRow>,
     refused: Vec<String>,
+    /// What the ticks of each course took on this machine; nothing but this and the next depends on it.
+    timing: Vec<TickSummary>,
     wall_s: f64,
 }
 
@@ -80,8 +82,6 @@ struct CourseRow {
     expected: String,
     as_expected: bool,
     note: String,
-    /// What ticks took on this machine; nothing else here depends on it.
-    timing: TickSummary,
 }
 
 impl CourseRow {
@@ -98,7 +98,6 @@ impl CourseRow {
             expected: driven.story.expected.clone().unwrap_or_default(),
             as_expected: driven.story.as_expected,
             note: driven.note.clone(),
-            timing: driven.timing.clone(),
         }
     }
 }
@@ -164,6 +163,7 @@ pub(crate) fn run(args: Args) -> anyhow::Result<Exit> {
         noise: args.noise,
         courses: driven.iter().map(CourseRow::new).collect(),
         refused,
+        timing: driven.iter().map(|driven| driven.timing.clone()).collect(),
         wall_s: started.elapsed().as_secs_f64(),
     };
     write(
