@@ -275,6 +275,56 @@ fn a_second_signal_ends_what_the_first_could_not() {
     drop(stdin);
 }
 
+/// A terminal that is closed sends SIGHUP twice.
+#[test]
+fn two_hangups_are_the_one_clean_stop() {
+    let fixture = fixture();
+    // Each call takes 1.5 s.
+    fixture.add_skill("walk", "slow", 0.99, 0.2);
+    let mut child = start(fixture.root(), &RUN);
+    let mut stdin = child.stdin.take().expect("a pipe");
+    stdin.write_all(session(0..10).as_bytes()).expect("the input is taken");
+    let mut answers = BufReader::new(child.stdout.as_mut().expect("a pipe")).lines();
+    assert_eq!(answers.by_ref().take(10).count(), 10, "up to the line that the plugin is called in");
+    for _ in 0..2 {
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        send_signal(&child, "HUP");
+    }
+    let output = child.wait_with_output().expect("it ends");
+    let narration = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{narration}");
+    assert!(narration.contains("10 lines answered"), "{narration}");
+    drop(stdin);
+}
+
+/// As under `nohup`.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_signal_that_is_ignored_from_the_start_ends_nothing() {
+    let fixture = fixture();
+    let words = format!("trap '' HUP; exec {} {}", plugin_folder().join("vocaloco").display(), RUN.join(" "));
+    let mut child = Command::new("sh")
+        .args(["-c", &words])
+        .env("VOCALOCO_ROOT", fixture.root())
+        .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut stdin = child.stdin.take().expect("a pipe");
+    let mut answers = BufReader::new(child.stdout.take().expect("a pipe")).lines();
+    answers.next().expect("the greeting").expect("UTF-8");
+    for tick in 0..5 {
+        send_signal(&child, "HUP");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+        writeln!(stdin, "{}", standing_line(tick)).expect("a line is taken");
+        answers.next().expect("an answer").expect("UTF-8");
+    }
+    send_signal(&child, "TERM");
+    assert_eq!(child.wait().expect("it ends").code(), Some(0), "the others still do");
+    drop(stdin);
+}
+
 fn send_signal(child: &Child, signal: &str) {
     let killed = Command::new("kill").args(["-s", signal, &child.id().to_string()]).status();
     assert!(killed.expect("kill runs").success());

@@ -2,6 +2,7 @@
 //! stays without an answer.
 
 use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
 
@@ -22,10 +23,14 @@ struct Session {
 
 impl Session {
     fn start(fixture: &Fixture, more: &[&str]) -> Self {
-        let mut child = Command::new(plugin_folder().join("vocaloco"))
+        Self::of(&mut Command::new(program()), fixture.root(), more)
+    }
+
+    fn of(program: &mut Command, root: &Path, more: &[&str]) -> Self {
+        let mut child = program
             .args(["run", "--deployment", "stairs", "--source", "stdio"])
             .args(more)
-            .env("VOCALOCO_ROOT", fixture.root())
+            .env("VOCALOCO_ROOT", root)
             .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -69,6 +74,10 @@ impl Session {
         drop(self.stdin);
         assert!(self.child.wait().expect("it ends").success(), "no line was answered with an error");
     }
+}
+
+fn program() -> PathBuf {
+    plugin_folder().join("vocaloco")
 }
 
 fn fixture() -> Fixture {
@@ -273,6 +282,27 @@ fn a_skill_refused_for_a_threshold_of_the_deployment_comes_when_that_is_mended()
     session.end();
 }
 
+/// What drives goes on as it was, and is not what its file says until the threshold fits that.
+#[test]
+fn a_change_refused_for_a_threshold_of_the_deployment_comes_when_that_is_mended() {
+    let fixture = fixture();
+    let file = "manifests/deployments/stairs.toml";
+    let text = std::fs::read_to_string(fixture.root().join(file)).expect("a deployment");
+    let hold =
+        |least: f32| fixture.write(file, format!("{text}\n[hold_thresholds]\nwalk = {least}\n").as_bytes());
+    hold(0.9);
+    let mut session = Session::start(&fixture, &[]);
+    session.until("walk drives", active("walk"));
+    fixture.alter("manifests/skills/walk.toml", "viability_threshold = 0.9", "viability_threshold = 0.85");
+    let refused = |answer: &Value| answer["events"].to_string().contains("hold_thresholds.walk");
+    assert_eq!(session.until("its threshold to begin is below that to go on", refused)["active"], "walk");
+    hold(0.8);
+    let taken = |answer: &Value| answer["events"].to_string().contains("skill walk");
+    let answer = session.until("it is taken once that is mended", taken);
+    assert!(!refused(&answer), "{answer}");
+    session.end();
+}
+
 /// It would have ended the loop: the library is sound and here already, its instance is not.
 #[cfg(target_os = "linux")]
 #[test]
@@ -287,6 +317,37 @@ fn a_skill_that_ends_the_process_that_makes_it_does_not_end_the_loop() {
     assert!(event.contains("skill trot is refused") && event.contains("ended by signal 6"), "{event}");
     fixture.add_skill("trot", "none", 0.99, 0.2);
     session.until("it drives once it is mended", active("trot"));
+    session.end();
+}
+
+/// Without the right to look into other processes, as on a robot where the loop is no root's, and in a folder whose name
+/// is no text.
+#[cfg(target_os = "linux")]
+#[test]
+fn isolated_skills_come_to_a_loop_without_privileges_in_a_folder_of_any_name() {
+    use std::os::unix::ffi::OsStrExt;
+    let fixture = fixture();
+    let folder = tempfile::tempdir().expect("a folder");
+    let root = folder.path().join(std::ffi::OsStr::from_bytes(b"r\xffbot"));
+    std::os::unix::fs::symlink(fixture.root(), &root).expect("a link");
+    let isolated = |name: &str, parameters: &str| {
+        fixture.add_skill(name, parameters, 0.99, 0.2);
+        fixture.alter(
+            &format!("manifests/skills/{name}.toml"),
+            "plugin =",
+            "isolation = \"process\"\nplugin =",
+        );
+    };
+    let mut session =
+        Session::of(Command::new("setpriv").arg("--bounding-set=-all").arg(program()), &root, &[]);
+    session.until("walk drives", active("walk"));
+    isolated("amble", "abort_in_create");
+    isolated("trot", "none");
+    fixture.add_deployment("stairs", &["walk", "amble", "trot"]);
+    let answer = session.until("one is refused, the other known", |answer| knows(answer, "trot"));
+    let events = answer["events"].to_string();
+    assert!(events.contains("skill amble is refused") && events.contains("ended by signal 6"), "{events}");
+    session.until("it drives", active("trot"));
     session.end();
 }
 

@@ -75,7 +75,10 @@ pub(crate) enum Verb {
 
 impl Verb {
     pub(crate) fn run(self) -> anyhow::Result<Exit> {
-        output::keep_for_results()?;
+        // The stdout of that verb is no place for results.
+        if !matches!(self, Self::PluginHost(_)) {
+            output::keep_for_results()?;
+        }
         match self {
             #[cfg(feature = "sim")]
             Self::Demo(args) => demo::run(args),

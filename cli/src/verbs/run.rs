@@ -23,9 +23,9 @@ use crate::output;
 /// Runs the 50 Hz loop of a deployment.
 ///
 /// `--source stdio`: one JSON object a line in, one a line out, a greeting first (docs/bridge.md); stdin's end is a
-/// clean stop, as SIGINT and SIGTERM are, and exit code 1 says that a line could not be used. `--source sim`: a
-/// course in the simulator. `--source replay:FILE`: decides the fields of a log over again and compares; exit
-/// code 1 when anything comes out otherwise.
+/// clean stop, as SIGINT, SIGTERM and SIGHUP are, and exit code 1 says that a line could not be used. `--source
+/// sim`: a course in the simulator. `--source replay:FILE`: decides the fields of a log over again and compares;
+/// exit code 1 when anything comes out otherwise.
 ///
 /// From stdin, and with `--real-time`, the deployment's files are followed: a skill that it names anew, or whose
 /// manifest or models change, takes part within a second, one that is taken away ends in the stand; with
@@ -44,7 +44,8 @@ pub(crate) struct Args {
     /// sim, stdio or replay:FILE
     #[arg(long, value_name = "SOURCE")]
     source: Source,
-    /// Write every decision to this MCAP file; not with replay:FILE
+    /// Write every decision to this MCAP file; not with replay:FILE. With stdio a log that is there already is set
+    /// aside as FILE.1, FILE.2, …, before its extension
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Stand rather than wait for a plugin or a prediction over its budget; not with replay:FILE

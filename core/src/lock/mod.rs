@@ -67,6 +67,24 @@ impl Lock {
             wanted: format!("the deployment's lock (`vocaloco lock --deployment {deployment}`)"),
             ..finding
         })?;
+        let signature_file = signature_file(&file);
+        let signature = match signature_file.try_exists() {
+            Ok(false) => None,
+            _ => Some(Signature::read(&signature_file)?),
+        };
+        Ok(Self { signature, ..Self::of_text(installation, deployment, text)? })
+    }
+
+    /// The lock of a deployment whose text this is, without a signature.
+    ///
+    /// # Errors
+    /// It is not as `vocaloco lock` writes it.
+    pub(crate) fn of_text(
+        installation: &Installation,
+        deployment: &str,
+        text: String,
+    ) -> Result<Self, Finding> {
+        let file = lock_file(installation, deployment);
         let content: Content = toml::from_str(&text).map_err(|error| {
             Finding::new(&file, "file", error.message(), "a lock as `vocaloco lock` writes it")
         })?;
@@ -77,12 +95,7 @@ impl Lock {
             let found = format!("{:?}", content.deployment);
             return Err(Finding::new(&file, "deployment", found, format!("{deployment:?}")));
         }
-        let signature_file = signature_file(&file);
-        let signature = match signature_file.try_exists() {
-            Ok(false) => None,
-            _ => Some(Signature::read(&signature_file)?),
-        };
-        Ok(Self { file, text, content, signature })
+        Ok(Self { file, text, content, signature: None })
     }
 
     /// The file it is kept in.

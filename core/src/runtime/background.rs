@@ -1,6 +1,6 @@
 //! Work beside the loop that gives way to it.
 
-use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::Ordering::{Relaxed, SeqCst};
 use std::sync::atomic::{AtomicBool, AtomicI32};
 
 /// Lets the calling thread, and what it starts from now on, give way to a loop that runs at a real-time priority.
@@ -43,18 +43,23 @@ impl Beside {
         unsafe {
             let mut parameters: libc::sched_param = std::mem::zeroed();
             let policy = libc::sched_getscheduler(0);
-            let Ok(number) = libc::pid_t::try_from(number) else { return };
             if policy < 0 || libc::sched_getparam(0, &raw mut parameters) != 0 {
                 return;
             }
             self.policy.store(policy, Relaxed);
             self.priority.store(below(parameters.sched_priority), Relaxed);
-            self.gave_way.store(false, Relaxed);
-            self.number.store(number, Relaxed);
+            self.followed_by(number);
         }
-        self.schedule(self.policy.load(Relaxed), self.priority.load(Relaxed));
         #[cfg(not(target_os = "linux"))]
         let _ = number;
+    }
+
+    /// The thread or process of this number in the place of the one before it, at the same priority.
+    pub(super) fn followed_by(&self, number: u32) {
+        let Ok(number) = i32::try_from(number) else { return };
+        self.gave_way.store(false, SeqCst);
+        self.number.store(number, SeqCst);
+        self.as_computing();
     }
 
     /// As [`follow`](Self::follow), of the calling thread, one priority below its own.
@@ -64,20 +69,28 @@ impl Beside {
         self.follow(unsafe { libc::gettid() }.unsigned_abs());
     }
 
-    /// What it does is late: it goes on at the system's normal policy.
+    /// What it does is late: it goes on at the system's normal policy. For one thread alone, which never waits here.
     pub(super) fn give_way(&self) {
         #[cfg(target_os = "linux")]
         if [libc::SCHED_FIFO, libc::SCHED_RR].contains(&self.policy.load(Relaxed)) {
-            self.gave_way.store(true, Relaxed);
+            self.gave_way.store(true, SeqCst);
             self.schedule(libc::SCHED_OTHER, 0);
+            if !self.gave_way.load(SeqCst) {
+                // It came back between the two, and must not stay away.
+                self.as_computing();
+            }
         }
     }
 
-    /// What was late has ended: back to its priority.
+    /// What was late has ended: back to its priority. For another thread alone.
     pub(super) fn come_back(&self) {
-        if self.gave_way.swap(false, Relaxed) {
-            self.schedule(self.policy.load(Relaxed), self.priority.load(Relaxed));
+        if self.gave_way.swap(false, SeqCst) {
+            self.as_computing();
         }
+    }
+
+    fn as_computing(&self) {
+        self.schedule(self.policy.load(Relaxed), self.priority.load(Relaxed));
     }
 
     fn schedule(&self, policy: i32, priority: i32) {
@@ -86,7 +99,7 @@ impl Beside {
         unsafe {
             let mut parameters: libc::sched_param = std::mem::zeroed();
             parameters.sched_priority = priority;
-            let number = self.number.load(Relaxed);
+            let number = self.number.load(SeqCst);
             if number != 0 {
                 libc::sched_setscheduler(number, policy, &raw const parameters);
             }
@@ -140,7 +153,7 @@ mod tests {
             // SAFETY: as in `give_way`.
             let is_real_time = unsafe {
                 let mut parameters: libc::sched_param = std::mem::zeroed();
-                parameters.sched_priority = 2;
+                parameters.sched_priority = 3;
                 libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) == 0
             };
             let thread = || {
@@ -148,7 +161,8 @@ mod tests {
                 scheduled("thread-self")
             };
             let thread = std::thread::spawn(thread).join().unwrap();
-            let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+            let sleeps = || std::process::Command::new("sleep").arg("60").spawn().unwrap();
+            let [child, second] = [(); 2].map(|()| sleeps());
             let (beside, of) = (Beside::default(), child.id().to_string());
             beside.follow(child.id());
             let process = scheduled(&of);
@@ -156,24 +170,39 @@ mod tests {
             let late = scheduled(&of);
             beside.come_back();
             let back = scheduled(&of);
-            child.kill().and_then(|()| child.wait()).unwrap();
+            // The process that a thread beside the loop starts in its place is no lower than it was.
+            let of_second = second.id();
+            let revived = std::thread::spawn(move || {
+                Beside::default().follow_here();
+                beside.followed_by(of_second);
+                scheduled(&of_second.to_string())
+            });
+            let revived = revived.join().unwrap();
+            for mut process in [child, second] {
+                process.kill().and_then(|()| process.wait()).unwrap();
+            }
             // From the lowest there is no way down but out of it.
             let again = std::thread::spawn(|| {
                 Beside::default().follow_here();
                 std::thread::spawn(|| {
                     Beside::default().follow_here();
-                    scheduled("thread-self")
+                    std::thread::spawn(|| {
+                        Beside::default().follow_here();
+                        scheduled("thread-self")
+                    })
+                    .join()
+                    .unwrap()
                 })
                 .join()
                 .unwrap()
             });
-            let found = [scheduled("thread-self"), thread, process, late, back, again.join().unwrap()];
-            (is_real_time, found)
+            let again = again.join().unwrap();
+            (is_real_time, [scheduled("thread-self"), thread, process, late, back, revived, again])
         });
         let (is_real_time, found) = outer.join().unwrap();
         let normal = [0, libc::SCHED_OTHER];
         let fifo = |priority| if is_real_time { [priority, libc::SCHED_FIFO] } else { normal };
-        assert_eq!(found, [fifo(2), fifo(1), fifo(1), normal, fifo(1), fifo(1)]);
+        assert_eq!(found, [fifo(3), fifo(2), fifo(2), normal, fifo(2), fifo(2), fifo(1)]);
     }
 
     /// The policy for batches stands for a real-time one, which takes a privilege to set.

@@ -17,7 +17,9 @@ use crate::manifest::{Deadlines, Deployment, Finding, SkillManifest, bytes_of};
 use crate::plugin::library_file_name;
 #[cfg(target_os = "linux")]
 use crate::plugin::try_skill;
-use crate::registry::{Refusal, deployment_through, load_deployed};
+#[cfg(target_os = "linux")]
+use crate::registry::Refusal;
+use crate::registry::{deployment_through, load_deployed};
 use crate::robot::RobotModel;
 
 /// Time between two looks at the files. A change is taken up when a second look finds no other.
@@ -300,7 +302,7 @@ impl Watch {
             // What was refused under another lock, or other thresholds, may be taken under these.
             let is_judged = !is_relocked
                 && seen.skills.get(skill) == self.judged.get(skill)
-                && (runs || now_held_to.get(skill) == self.thresholds.get(skill));
+                && now_held_to.get(skill) == self.thresholds.get(skill);
             // Touched, or changed and changed back.
             let is_what_runs =
                 || running.is_some_and(|made_of| Some(made_of) == apart(|| seen.contents(skill)).as_ref());
@@ -353,7 +355,7 @@ impl Watch {
         let (installation, robot) = (&self.followed.installation, &self.robot.description);
         apart(|| {
             #[cfg(target_os = "linux")]
-            try_skill(installation, &deployment.name, skill, lock.is_some(), robot)
+            try_skill(installation, &deployment.name, skill, lock, robot)
                 .map_err(|finding| Refusal::of(installation, skill, finding).to_string())?;
             let intake = Intake::of(&installation.root, lock);
             let loaded = load_deployed(installation, deployment, skill, robot, &intake);

@@ -3,7 +3,8 @@
 use std::io::{self, BufRead};
 
 /// What `run --source stdio` reads: SIGINT, SIGTERM and SIGHUP end it as the other side's hanging up does, before the next
-/// line. A second of them ends the process as it would without this, for a plugin that never returns.
+/// line. A second SIGINT or SIGTERM ends the process as it would without this, for a plugin that never returns; SIGHUP
+/// comes more than once when a terminal goes. What this process was started to ignore it ignores, as under `nohup`.
 ///
 /// # Errors
 /// Standard input cannot be read, or the system watches no signals.
@@ -19,19 +20,30 @@ pub(super) fn until_asked_to_end() -> io::Result<impl BufRead> {
     use std::sync::atomic::AtomicBool;
 
     let is_asked = Arc::new(AtomicBool::new(false));
-    let signals = [SIGINT, SIGTERM, SIGHUP];
-    for signal in signals {
-        flag::register_conditional_default(signal, Arc::clone(&is_asked))?;
-        flag::register(signal, Arc::clone(&is_asked))?;
-    }
     let (asked, asks) = UnixStream::pair()?;
-    for signal in signals {
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        if is_ignored(signal) {
+            continue;
+        }
+        if signal != SIGHUP {
+            flag::register_conditional_default(signal, Arc::clone(&is_asked))?;
+        }
+        flag::register(signal, Arc::clone(&is_asked))?;
         pipe::register(signal, asks.try_clone()?)?;
     }
     let stdin = File::from(io::stdin().as_fd().try_clone_to_owned()?);
     // What else in this process reads there, a plugin or a library, takes no line away.
     rustix::stdio::dup2_stdin(File::open("/dev/null")?)?;
     Ok(io::BufReader::with_capacity(64 << 10, unix::Until { stdin, asked }))
+}
+
+/// Whether this process was started to ignore a signal; where the system does not say, no.
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|digits| u64::from_str_radix(digits.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
 #[cfg(not(unix))]

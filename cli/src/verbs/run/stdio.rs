@@ -28,12 +28,23 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Exit> {
             _ => ControlFlow::Continue(()),
         }
     });
-    // However it ended: the log is whole, and what ticks took is said.
+    // However it ended, the log is whole, and what ticks took is said.
     let ended = log.map_or(Ok(()), LogBeside::finish);
     if let Err(error) = &ended {
         report(error);
     }
-    let served = served?;
+    let served = match served {
+        Ok(served) => served,
+        Err(error) => {
+            let times = runtime.times();
+            output::narrate(if args.shared.json {
+                json!({ "timing": times }).to_string()
+            } else {
+                times.to_string()
+            });
+            return Err(error.into());
+        }
+    };
     if served.unheard {
         output::narrate("error: stdout: found nobody who reads the answers any more; the loop ends here");
     }

@@ -5,7 +5,7 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command as Process, ExitStatus, Stdio};
+use std::process::{Child, Command as Process, ExitStatus};
 use std::sync::OnceLock;
 use std::time::Duration;
 
@@ -16,9 +16,10 @@ use vocaloco_plugin_api::{
 
 use super::frame::{Call, NO_CALL, read_answer, write_call};
 use super::memory::SharedMemory;
-use super::message::{self, Create, Policy, Refused, Start, Started, Trial};
+use super::message::{self, Create, Policy, Refused, Start, Started, Trial, bytes_of, path_of};
 use super::wire;
 use crate::installation::Installation;
+use crate::lock::Lock;
 use crate::manifest::Finding;
 use crate::plugin::PluginError;
 use crate::policy::PolicyNetwork;
@@ -73,29 +74,28 @@ struct Origin {
     start: Start,
 }
 
-/// Loads a skill, as `deployment` has it, in a child that ends thereafter. Whatever else is wrong with it is found
-/// again by who loads it next; where no program for children is known, nothing is found.
+/// Loads a skill, as `deployment` has it and under `lock` where there is one, in a child that ends thereafter; where no
+/// program for children is known, nothing is found.
 ///
 /// # Errors
-/// Loading it ends the process that does, or takes too long.
+/// What is wrong with it, or loading it ends the process that does, or takes too long.
 pub(crate) fn try_skill(
     installation: &Installation,
     deployment: &str,
     skill: &str,
-    is_locked: bool,
+    lock: Option<&Lock>,
     robot: &RobotDescription,
 ) -> Result<(), Finding> {
     let Ok(program) = Program::find(&installation.plugin_path_of(skill)) else { return Ok(()) };
     let trial = Some(Trial {
-        root: path(&installation.root),
-        plugin_path: installation.plugin_path.iter().map(|folder| path(folder)).collect(),
+        root: bytes_of(&installation.root),
+        plugin_path: installation.plugin_path.iter().map(|folder| bytes_of(folder)).collect(),
         deployment: deployment.to_owned(),
         skill: skill.to_owned(),
-        is_locked,
+        lock: lock.map(|lock| lock.text().to_owned()),
         robot: message::Robot::of(robot),
     });
-    let file = installation.skill_file(skill);
-    let start = Start { library: path(&file), trial, ..Start::default() };
+    let start = Start { library: bytes_of(&installation.skill_file(skill)), trial, ..Start::default() };
     ChildInstance::start(Origin { program, start }).map(drop).map_err(PluginError::into_finding)
 }
 
@@ -119,7 +119,7 @@ impl ChildInstance {
         file: &Path,
         sha256: &[u8],
     ) -> Result<Description, PluginError> {
-        let start = Start { library: path(file), sha256: sha256.to_vec(), ..Start::default() };
+        let start = Start { library: bytes_of(file), sha256: sha256.to_vec(), ..Start::default() };
         let (_, started) = Self::start(Origin { program: program.clone(), start })?;
         let description = started.description.and_then(message::Description::into_api);
         description.ok_or_else(|| PluginError::Description(nonsense(file, "describe")))
@@ -137,17 +137,19 @@ impl ChildInstance {
         let create = Some(Create {
             parameters: parameters.to_owned(),
             robot: message::Robot::of(robot),
-            policy: policy
-                .map(|network| Policy { file: path(network.file()), sha256: network.sha256().to_owned() }),
+            policy: policy.map(|network| Policy {
+                file: bytes_of(network.file()),
+                sha256: network.sha256().to_owned(),
+            }),
         });
-        let start = Start { library: path(file), sha256: sha256.to_vec(), create, trial: None };
+        let start = Start { library: bytes_of(file), sha256: sha256.to_vec(), create, trial: None };
         let (instance, started) = Self::start(Origin { program: program.clone(), start })?;
         let needs = started.needs.and_then(message::Needs::into_api);
         Ok((instance, needs.ok_or_else(|| PluginError::Create(nonsense(file, "needs")))?))
     }
 
     fn start(origin: Origin) -> Result<(Self, Started), PluginError> {
-        let file = PathBuf::from(&origin.start.library);
+        let file = path_of(origin.start.library.clone());
         let refuse = |found: String, wanted: &str| {
             PluginError::Create(Finding::new(&file, "isolation", found, wanted))
         };
@@ -159,7 +161,7 @@ impl ChildInstance {
         match answer {
             Ok(Started { refused: Some(refused), .. }) => {
                 let Refused { kind, file, field, found, wanted } = refused;
-                let finding = Finding::new(Path::new(&file), field, found, wanted);
+                let finding = Finding::new(&path_of(file), field, found, wanted);
                 Err(PluginError::of_kind(kind, finding))
             }
             Ok(started) => Ok((instance, started)),
@@ -170,16 +172,15 @@ impl ChildInstance {
     }
 
     fn spawn(origin: Origin) -> io::Result<Self> {
-        let memory = SharedMemory::new()?;
+        let (memory, shared) = SharedMemory::new()?;
         let (wire, theirs) = UnixStream::pair()?;
         wire.set_read_timeout(Some(START))?;
         wire.set_write_timeout(Some(START))?;
         let child = Process::new(&origin.program.0)
-            .args(["plugin-host", "--memory"])
-            .arg(memory.path())
-            .stdin(Stdio::from(OwnedFd::from(theirs)))
-            // What a plugin prints must not end up between the lines of a result.
-            .stdout(Stdio::null())
+            .arg("plugin-host")
+            // Handed over, not named: another process's descriptors can be closed to it.
+            .stdin(OwnedFd::from(theirs))
+            .stdout(shared)
             // With a group of its own, what a plugin starts ends with it.
             .process_group(0)
             .spawn()?;
@@ -302,10 +303,6 @@ fn how(status: ExitStatus) -> String {
         (None, Some(code)) => format!("ended with exit code {code}"),
         (None, None) => "ended".to_owned(),
     }
-}
-
-fn path(file: &Path) -> String {
-    file.to_string_lossy().into_owned()
 }
 
 fn nonsense(file: &Path, field: &str) -> Finding {

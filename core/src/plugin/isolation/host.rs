@@ -1,5 +1,6 @@
 //! The child's side: loads one library, makes one instance, answers calls until the host is gone.
 
+use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
@@ -11,24 +12,25 @@ use vocaloco_plugin_api::SkillError;
 use super::frame::{Call, CallBuffer, NO_CALL, read_call, write_answer};
 use super::limits::{self, GROWTH_BYTES, LOADING_BYTES};
 use super::memory::SharedMemory;
-use super::message::{Create, Description, Needs, Refused, Start, Started, Trial};
+use super::message::{Create, Description, Needs, Refused, Start, Started, Trial, bytes_of, path_of};
 use super::wire;
 use crate::installation::Installation;
-use crate::lock::sha256_hex;
+use crate::lock::{Lock, sha256_hex};
 use crate::manifest::Finding;
 use crate::plugin::{PluginError, PluginInstance, PluginLibrary};
 use crate::policy::PolicyNetwork;
 use crate::registry;
 
-/// Serves one instance over the socket that is this process's stdin and the memory at `memory`.
+/// Serves one instance over the socket that is this process's stdin and the memory that is its stdout.
 ///
 /// # Errors
 /// The socket or the memory is not what a host gives its child. A host that goes away is none.
-pub fn serve(memory: &Path) -> io::Result<()> {
+pub fn serve() -> io::Result<()> {
     let mut wire = UnixStream::from(io::stdin().as_fd().try_clone_to_owned()?);
-    // Programs that a plugin starts must not hold the socket open when this process is gone.
-    rustix::io::fcntl_setfd(io::stdin(), rustix::io::FdFlags::CLOEXEC)?;
-    let mut memory = SharedMemory::open(memory)?;
+    let mut memory = SharedMemory::of(&File::from(io::stdout().as_fd().try_clone_to_owned()?))?;
+    // What a plugin prints and reads, and what it starts, gets at neither.
+    rustix::stdio::dup2_stdin(File::open("/dev/null")?)?;
+    rustix::stdio::dup2_stdout(File::options().write(true).open("/dev/null")?)?;
     limits::leave_no_core()?;
     limits::allow_growth(LOADING_BYTES)?;
     end_with_the_host(wire.try_clone()?)?;
@@ -75,10 +77,10 @@ fn end_with_the_host(wire: UnixStream) -> io::Result<()> {
 
 fn load(start: Start) -> Result<(Started, Option<PluginInstance>), PluginError> {
     if let Some(trial) = start.trial {
-        try_skill(trial);
+        try_skill(trial).map_err(PluginError::Create)?;
         return Ok((Started::default(), None));
     }
-    let file = Path::new(&start.library);
+    let file = &path_of(start.library);
     let library = PluginLibrary::open_exactly(file, &start.sha256)?;
     let description = Some(Description::of(library.description()));
     let Some(create) = start.create else {
@@ -89,15 +91,16 @@ fn load(start: Start) -> Result<(Started, Option<PluginInstance>), PluginError> 
     Ok((Started { description, needs, refused: None }, Some(instance)))
 }
 
-/// Loads the skill and asks its predictors once; only whether this process survives that is of interest.
-fn try_skill(trial: Trial) {
-    let installation = Installation {
-        root: trial.root.into(),
-        plugin_path: trial.plugin_path.into_iter().map(Into::into).collect(),
-    };
-    if let Some(robot) = trial.robot.into_api() {
-        registry::try_deployed(&installation, &trial.deployment, &trial.skill, trial.is_locked, &robot);
-    }
+/// Loads the skill and asks its predictors once.
+fn try_skill(trial: Trial) -> Result<(), Finding> {
+    let Trial { root, plugin_path, deployment, skill, lock, robot } = trial;
+    let installation =
+        Installation { root: path_of(root), plugin_path: plugin_path.into_iter().map(path_of).collect() };
+    let robot = robot.into_api().ok_or_else(|| {
+        Finding::new(&installation.skill_file(&skill), "robot", "a description cut short", "a whole one")
+    })?;
+    let lock = lock.map(|text| Lock::of_text(&installation, &deployment, text)).transpose()?;
+    registry::try_deployed(&installation, &deployment, &skill, lock.as_ref(), &robot)
 }
 
 fn instance(
@@ -110,7 +113,7 @@ fn instance(
     let robot = create.robot.into_api();
     let robot = robot.ok_or_else(|| refuse("robot", "a description cut short", "a whole one"))?;
     let policy = create.policy.map(|policy| {
-        let path = Path::new(&policy.file);
+        let path = &path_of(policy.file);
         let bytes = PolicyNetwork::read(path).map_err(|error| PluginError::Create(error.0))?;
         let found = sha256_hex(&bytes);
         if found != policy.sha256 {
@@ -125,6 +128,6 @@ fn instance(
 fn refused(error: PluginError) -> Refused {
     let kind = error.kind();
     let finding = error.into_finding();
-    let file = finding.file.to_string_lossy().into_owned();
+    let file = bytes_of(&finding.file);
     Refused { kind, file, field: finding.field, found: finding.found, wanted: finding.wanted }
 }

@@ -4,7 +4,6 @@
 use std::fs::File;
 use std::io;
 use std::os::fd::AsRawFd;
-use std::path::{Path, PathBuf};
 use std::ptr::{self, NonNull};
 
 use rustix::fs::{MemfdFlags, SealFlags, fcntl_add_seals, memfd_create};
@@ -16,39 +15,31 @@ pub(super) const HALF_BYTES: usize = 2 << 20;
 /// values, which are checked after they are copied, and nothing else.
 pub(super) struct SharedMemory {
     start: NonNull<u8>,
-    /// Open as long as the other side may yet open it.
-    file: File,
 }
 
 // SAFETY: the mapping belongs to this value alone within the process.
 unsafe impl Send for SharedMemory {}
 
 impl SharedMemory {
-    /// New memory, zero throughout.
-    pub(super) fn new() -> io::Result<Self> {
+    /// New memory, zero throughout, and the file that the other side finds it in.
+    pub(super) fn new() -> io::Result<(Self, File)> {
         let flags = MemfdFlags::CLOEXEC | MemfdFlags::ALLOW_SEALING;
         let file = File::from(memfd_create("vocaloco-call", flags)?);
         file.set_len(2 * HALF_BYTES as u64)?;
         // Memory that the other side cuts short would end this process at the next read.
         fcntl_add_seals(&file, SealFlags::SHRINK | SealFlags::GROW | SealFlags::SEAL)?;
-        Self::map(file)
+        Ok((Self::map(&file)?, file))
     }
 
-    /// The memory that another process of this user has at [`path`](Self::path).
-    pub(super) fn open(path: &Path) -> io::Result<Self> {
-        let file = File::options().read(true).write(true).open(path)?;
+    /// The memory that another process has made.
+    pub(super) fn of(file: &File) -> io::Result<Self> {
         if file.metadata()?.len() != 2 * HALF_BYTES as u64 {
             return Err(io::Error::other("memory of another size"));
         }
         Self::map(file)
     }
 
-    /// Where the child of this process finds it.
-    pub(super) fn path(&self) -> PathBuf {
-        format!("/proc/{}/fd/{}", std::process::id(), self.file.as_raw_fd()).into()
-    }
-
-    fn map(file: File) -> io::Result<Self> {
+    fn map(file: &File) -> io::Result<Self> {
         // SAFETY: a new mapping of a file of this length, at an address of the system's choice.
         let start = unsafe {
             let access = libc::PROT_READ | libc::PROT_WRITE;
@@ -58,7 +49,7 @@ impl SharedMemory {
             return Err(io::Error::last_os_error());
         }
         let start = NonNull::new(start.cast()).ok_or_else(|| io::Error::other("no address"))?;
-        Ok(Self { start, file })
+        Ok(Self { start })
     }
 
     /// Writes a length and `bytes` to one half, 0 or 1; `false` when they do not fit.
@@ -104,8 +95,8 @@ mod tests {
 
     #[test]
     fn what_one_side_writes_the_other_reads_and_the_halves_are_apart() {
-        let mut ours = SharedMemory::new().unwrap();
-        let mut theirs = SharedMemory::open(&ours.path()).unwrap();
+        let (mut ours, file) = SharedMemory::new().unwrap();
+        let mut theirs = SharedMemory::of(&file).unwrap();
         assert!(ours.write(0, b"call") && theirs.write(1, b"an answer"));
         let mut bytes = Vec::new();
         theirs.read(0, &mut bytes);
@@ -116,15 +107,14 @@ mod tests {
 
     #[test]
     fn the_other_side_cannot_cut_it_short() {
-        let ours = SharedMemory::new().unwrap();
-        let theirs = SharedMemory::open(&ours.path()).unwrap();
-        assert!(theirs.file.set_len(0).is_err());
+        let (ours, file) = SharedMemory::new().unwrap();
+        assert!(file.set_len(0).is_err());
         ours.read(1, &mut Vec::new());
     }
 
     #[test]
     fn too_much_is_not_written_and_a_length_that_lies_is_cut() {
-        let mut memory = SharedMemory::new().unwrap();
+        let (mut memory, _) = SharedMemory::new().unwrap();
         assert!(!memory.write(0, &vec![1; HALF_BYTES - 7]));
         assert!(memory.write(1, &vec![1; HALF_BYTES - 8]));
         // SAFETY: the first bytes of the mapping.

@@ -1,5 +1,9 @@
 //! What host and child say to each other before the first call, in protobuf: exact for every number.
 
+use std::ffi::OsString;
+use std::os::unix::ffi::{OsStrExt, OsStringExt};
+use std::path::{Path, PathBuf};
+
 use abi_stable::std_types::{RNone, ROption, RSome};
 use vocaloco_plugin_api as api;
 
@@ -7,8 +11,8 @@ use vocaloco_plugin_api as api;
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct Start {
     /// The library's file.
-    #[prost(string, tag = "1")]
-    pub(super) library: String,
+    #[prost(bytes = "vec", tag = "1")]
+    pub(super) library: Vec<u8>,
     /// SHA-256 of the bytes that the host has seen there.
     #[prost(bytes = "vec", tag = "2")]
     pub(super) sha256: Vec<u8>,
@@ -23,17 +27,17 @@ pub(super) struct Start {
 /// A skill, where it lies.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct Trial {
-    #[prost(string, tag = "1")]
-    pub(super) root: String,
-    #[prost(string, repeated, tag = "2")]
-    pub(super) plugin_path: Vec<String>,
+    #[prost(bytes = "vec", tag = "1")]
+    pub(super) root: Vec<u8>,
+    #[prost(bytes = "vec", repeated, tag = "2")]
+    pub(super) plugin_path: Vec<Vec<u8>>,
     #[prost(string, tag = "3")]
     pub(super) deployment: String,
     #[prost(string, tag = "4")]
     pub(super) skill: String,
-    /// Whether only what the deployment's lock has is taken.
-    #[prost(bool, tag = "5")]
-    pub(super) is_locked: bool,
+    /// The text of the deployment's lock, as the host has admitted it: only what that has is taken.
+    #[prost(string, optional, tag = "5")]
+    pub(super) lock: Option<String>,
     #[prost(message, required, tag = "6")]
     pub(super) robot: Robot,
 }
@@ -51,8 +55,8 @@ pub(super) struct Create {
 /// A policy network's file, and the SHA-256 of what the host has read there, hex.
 #[derive(Clone, PartialEq, prost::Message)]
 pub(super) struct Policy {
-    #[prost(string, tag = "1")]
-    pub(super) file: String,
+    #[prost(bytes = "vec", tag = "1")]
+    pub(super) file: Vec<u8>,
     #[prost(string, tag = "2")]
     pub(super) sha256: String,
 }
@@ -81,8 +85,18 @@ pub(super) struct Refused {
     #[prost(string, tag = "4")]
     pub(super) wanted: String,
     /// The file at fault: the library, or the policy network that goes with it.
-    #[prost(string, tag = "5")]
-    pub(super) file: String,
+    #[prost(bytes = "vec", tag = "5")]
+    pub(super) file: Vec<u8>,
+}
+
+/// A path as the system has it, which need not be text.
+pub(super) fn bytes_of(path: &Path) -> Vec<u8> {
+    path.as_os_str().as_bytes().to_vec()
+}
+
+/// What [`bytes_of`] was made of.
+pub(super) fn path_of(bytes: Vec<u8>) -> PathBuf {
+    OsString::from_vec(bytes).into()
 }
 
 #[derive(Clone, PartialEq, prost::Message)]

@@ -67,7 +67,7 @@ impl WatchedController {
                 }
                 What::Revive => {
                     controller.revive();
-                    controller.process().inspect(|&number| beside.follow(number));
+                    controller.process().inspect(|&number| beside.followed_by(number));
                     Ok(())
                 }
             };

@@ -67,14 +67,15 @@ impl<J: Send + 'static> Worker<J> {
         std::thread::Builder::new().name(name).spawn(move || {
             theirs.beside.follow_here();
             while let Some(mut job) = next(&theirs) {
-                theirs.beside.come_back();
                 if let Err(panic) = catch_unwind(AssertUnwindSafe(|| run(&mut job))) {
                     panicked(&mut job, words(&*panic));
                 }
+                // Before the lock, which nothing slow must hold, and under it, since until then the job can be found late.
                 theirs.beside.come_back();
                 let mut slot = theirs.lock();
                 slot.job = Some(job);
                 slot.turn = Turn::Answered;
+                theirs.beside.come_back();
                 theirs.changed.notify_all();
             }
         })?;
@@ -93,6 +94,7 @@ impl<J: Send + 'static> Worker<J> {
     ) -> Result<A, TooLate> {
         let mut slot = self.shared.lock();
         let (Turn::Caller | Turn::Answered, Some(job)) = (slot.turn, slot.job.as_mut()) else {
+            self.shared.beside.give_way();
             return Err(TooLate);
         };
         fill(job);

@@ -272,14 +272,20 @@ impl Skill for Faulty {
 /// Calls of all instances that drift: what no reset forgets.
 static CALLS: AtomicU32 = AtomicU32::new(0);
 
-/// Writes to what an isolated plugin has as its standard input: the host's socket.
-#[allow(unsafe_code, reason = "standard input is no file to write to otherwise")]
+/// Writes to whatever socket its process has: an isolated plugin's is the host's.
+#[allow(unsafe_code, reason = "a descriptor of another's is no file to write to otherwise")]
 fn answer_the_host() {
     use std::io::Write;
     use std::os::fd::FromRawFd;
-    // SAFETY: descriptor 0 is open in a child, and is not closed here.
-    let mut host = std::mem::ManuallyDrop::new(unsafe { std::fs::File::from_raw_fd(0) });
-    drop(host.write_all(&1_u64.to_le_bytes()));
+    let is_socket = |descriptor: &i32| {
+        let link = std::fs::read_link(format!("/proc/self/fd/{descriptor}"));
+        link.is_ok_and(|link| link.to_string_lossy().starts_with("socket:"))
+    };
+    if let Some(descriptor) = (0..64).find(is_socket) {
+        // SAFETY: the descriptor is open, and is not closed here.
+        let mut host = std::mem::ManuallyDrop::new(unsafe { std::fs::File::from_raw_fd(descriptor) });
+        drop(host.write_all(&1_u64.to_le_bytes()));
+    }
 }
 
 /// Number of a process that would still be there in a minute; 0 if there is none.
