@@ -1,14 +1,15 @@
 //! A locked deployment takes no byte but those that were locked: one bit flipped in a plugin, a model
 //! or a manifest is refused with file, field, found and wanted; so is a lock without the signature
-//! that the deployment demands.
+//! that the deployment demands. What was checked is what is loaded, whatever becomes of the file.
 
 use std::fs;
 
-use vocaloco_core::lock::{Lock, SecretKey};
-use vocaloco_core::plugin::library_file_name;
+use vocaloco_core::lock::{Lock, SecretKey, sha256_hex};
+use vocaloco_core::plugin::{PluginLibrary, library_file_name};
 use vocaloco_core::registry::{
     LoadError, LoadedDeployment, Refusal, load_deployment, load_locked, lock_deployment,
 };
+use vocaloco_core::robot::RobotModel;
 use vocaloco_tests::{Fixture, plugin_folder};
 
 const DEPLOYMENT: &str = "manifests/deployments/two.toml";
@@ -233,6 +234,90 @@ fn what_is_read_is_what_is_locked() {
     );
     wanted.sort();
     assert_eq!(names, wanted);
+}
+
+fn built(name: &str) -> Vec<u8> {
+    fs::read(plugin_folder().join(library_file_name(name))).expect("a built plugin")
+}
+
+fn robot(fixture: &Fixture) -> RobotModel {
+    RobotModel::load(&fixture.installation().robots_folder(), "anymal_d").expect("the robot")
+}
+
+#[test]
+fn a_plugin_swapped_once_its_bytes_were_checked_is_loaded_as_it_was_checked() {
+    let fixture = Fixture::new();
+    let path = format!("plugins/{}", library_file_name("faulty"));
+    // A build of its own, which no other test has loaded already.
+    let mut checked = built("faulty");
+    checked.extend(b"swapped");
+    fixture.write(&path, &checked);
+    let search_path = [fixture.root().join("plugins")];
+    let library = PluginLibrary::open_if(&search_path, "faulty", &|_, bytes| {
+        assert!(bytes == checked, "all of its bytes are looked at");
+        fixture.write(&path, &built("gait"));
+        Ok(())
+    });
+    let library = library.expect("what was checked");
+    assert_eq!(library.description().name, "faulty");
+    assert_eq!(library.sha256(), sha256_hex(&checked));
+    library.create("none", &robot(&fixture).description).expect("it runs");
+}
+
+/// That a plugin's process refused a file for other bytes than its host has read there.
+#[cfg(target_os = "linux")]
+fn is_not_as_read(line: &str, path: &str, found: &[u8], read: &[u8]) {
+    eprintln!("{line}");
+    let [found, read] = [found, read].map(sha256_hex);
+    let wanted = format!("SHA-256 {read}, as it was when the host read it");
+    assert!(line.ends_with(&format!("{path}: file: found {found}, wanted {wanted}")), "{line}");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_plugin_swapped_before_its_process_loads_it_is_refused() {
+    let mut fixture = Fixture::new();
+    let path = format!("plugins/{}", library_file_name("faulty"));
+    let read = built("faulty");
+    fixture.write(&path, &read);
+    fixture.search_first("plugins");
+    let search_path = fixture.installation().plugin_path;
+    let library = PluginLibrary::open_isolated(&search_path, "faulty", &|_, _| Ok(())).expect("sound");
+    let robot = robot(&fixture);
+    let create = || library.create("none", &robot.description);
+    create().expect("as it was read");
+    let mut longer = read.clone();
+    longer.push(0);
+    for swapped in [longer, built("gait"), b"no library".to_vec()] {
+        fixture.write(&path, &swapped);
+        is_not_as_read(&create().expect_err("other bytes").to_string(), &path, &swapped, &read);
+    }
+    fixture.write(&path, &read);
+    create().expect("as it was read, again");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_policy_swapped_before_its_process_loads_it_is_refused() {
+    use vocaloco_core::registry::{ModelPolicy, load_skill};
+    let fixture = Fixture::new();
+    fixture.add_shipped(&["ascend_network", "descend_network"]);
+    let isolated = "isolation = \"process\"\nplugin =";
+    fixture.alter("manifests/skills/ascend_network.toml", "plugin =", isolated);
+    let robot = robot(&fixture);
+    let skill =
+        load_skill(&fixture.installation(), "ascend_network", &robot.description, ModelPolicy::Required);
+    let skill = skill.expect("sound");
+    let create = || skill.create(&robot.description);
+    create().expect("as it was read");
+    let [path, sound] = ["ascend", "descend"].map(|name| format!("skills/{name}_network/policy.onnx"));
+    let [read, sound] = [&path, &sound].map(|path| fs::read(fixture.root().join(path)).expect("a policy"));
+    for swapped in [sound, b"no model".to_vec()] {
+        fixture.write(&path, &swapped);
+        is_not_as_read(&create().expect_err("other bytes").to_string(), &path, &swapped, &read);
+    }
+    fixture.write(&path, &read);
+    create().expect("as it was read, again");
 }
 
 /// Exit code and narration of a verb in this installation, with nothing on stdin.

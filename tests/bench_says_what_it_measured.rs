@@ -71,7 +71,7 @@ fn onnxruntime_answers_as_the_tick_s_networks_do_and_takes_longer_than_the_whole
 fn a_soak_misses_no_decision_repeats_all_of_them_and_meets_faults_of_every_source() {
     let soak = || bench(&["soak", "--ticks", "10000", "--seed", "3"]);
     let (report, again) = (soak(), soak());
-    for same in ["faults", "skills_added", "skills_removed", "switches", "driven_share"] {
+    for same in ["fingerprint", "faults", "skills_added", "skills_removed", "switches", "driven_share"] {
         assert_eq!(report[same], again[same], "{same}: {report:#}, {again:#}");
     }
     assert_eq!(report["ticks"], 10_000, "{report:#}");

@@ -6,7 +6,7 @@ use std::fs;
 use vocaloco_core::plugin::library_file_name;
 use vocaloco_core::registry::{LoadError, ModelPolicy, check_skill, load_deployment};
 use vocaloco_core::robot::RobotModel;
-use vocaloco_tests::{Fixture, constant_model, constant_model_of_shape, plugin_folder};
+use vocaloco_tests::{Fixture, constant_model, constant_model_of_shape, plugin_folder, repository};
 
 const MANIFEST: &str = "manifests/skills/bad.toml";
 
@@ -33,6 +33,13 @@ fn refused(spoil: impl FnOnce(&mut Fixture), parts: &[&str]) {
     for part in ["found ", "wanted "].iter().chain(parts) {
         assert!(line.contains(part), "{part:?} is not in: {line}");
     }
+}
+
+/// Writes a file of so many zeros, sparse: it takes no room.
+fn write_zeros(fixture: &Fixture, path: &str, bytes: u64) {
+    fixture.write(path, b"");
+    let file = fs::File::options().write(true).open(fixture.root().join(path)).expect("a file");
+    file.set_len(bytes).expect("a length");
 }
 
 #[test]
@@ -86,10 +93,7 @@ fn a_plugin_larger_than_any_is() {
     let file = library_file_name("large");
     let spoil = |fixture: &mut Fixture| {
         let path = format!("plugins/{}", library_file_name("large"));
-        fixture.write(&path, b"");
-        // Sparse: it takes no room.
-        let file = fs::File::options().write(true).open(fixture.root().join(path)).expect("a file");
-        file.set_len((256 << 20) + 1).expect("a length");
+        write_zeros(fixture, &path, (256 << 20) + 1);
         fixture.search_first("plugins");
         fixture.alter(MANIFEST, "\"faulty\"", "\"large\"");
     };
@@ -165,6 +169,27 @@ fn a_truncated_model() {
         fixture.write("skills/bad/cot.onnx", &model[..model.len() / 2]);
     };
     refused(spoil, &["skills/bad/cot.onnx"]);
+}
+
+#[test]
+fn a_model_larger_than_any_is() {
+    for quantity in ["viability", "cot"] {
+        let path = format!("skills/bad/{quantity}.onnx");
+        let spoil = |fixture: &mut Fixture| write_zeros(fixture, &path, (2 << 20) + 1);
+        refused(spoil, &[&path, "more than 2097152 bytes", "at most 2097152 bytes"]);
+    }
+}
+
+#[test]
+fn a_policy_larger_than_any_is() {
+    let spoil = |fixture: &mut Fixture| {
+        // Sound but for its network.
+        let shipped = fs::read_to_string(repository().join("manifests/skills/ascend_network.toml"));
+        let manifest = shipped.expect("a shipped manifest").replacen("ascend_network", "bad", 1);
+        fixture.write(MANIFEST, manifest.as_bytes());
+        write_zeros(fixture, "skills/bad/policy.onnx", (8 << 20) + 1);
+    };
+    refused(spoil, &["skills/bad/policy.onnx", "more than 8388608 bytes", "at most 8388608 bytes"]);
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod targets;
 
 use std::fs;
 use std::io::Write as _;
+use std::path::PathBuf;
 
 use flate2::Compression;
 use flate2::write::GzEncoder;
@@ -22,14 +23,19 @@ fn shipped(path: &str) -> Vec<u8> {
     fs::read(repository().join(path)).expect(path)
 }
 
+/// The committed inputs of a target.
+fn corpus(name: &str) -> Vec<PathBuf> {
+    let folder = repository().join("tests/fuzz/corpus").join(name);
+    let entries = fs::read_dir(&folder).unwrap_or_else(|error| panic!("{}: {error}", folder.display()));
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.expect("an entry").path()).collect();
+    files.sort();
+    files
+}
+
 /// Inputs of a target: committed ones, shipped ones, and some made to hurt.
 fn seeds(name: &str) -> Vec<Vec<u8>> {
     let mut seeds = vec![Vec::new(), vec![0; 64], vec![0xff; 64]];
-    if let Ok(folder) = fs::read_dir(repository().join("tests/fuzz/corpus").join(name)) {
-        let mut files: Vec<_> = folder.map(|entry| entry.expect("an entry").path()).collect();
-        files.sort();
-        seeds.extend(files.iter().map(|file| fs::read(file).expect("a file")));
-    }
+    seeds.extend(corpus(name).iter().map(|file| fs::read(file).expect("a file")));
     let nested = |open: &str, inner: &str, close: &str, depth: usize| {
         [open.repeat(depth), inner.to_owned(), close.repeat(depth)].concat().into_bytes()
     };
@@ -188,6 +194,13 @@ fn bundles_and_signatures() {
     answered("bundle", 1500);
     answered("archive", 3000);
     answered("signature", 5000);
+}
+
+#[test]
+fn every_target_has_a_corpus() {
+    for (name, _) in TARGETS {
+        assert!(!corpus(name).is_empty(), "{name}: an empty folder");
+    }
 }
 
 #[test]

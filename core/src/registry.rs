@@ -202,23 +202,22 @@ pub(crate) fn load_deployed(
         .and_then(|loaded| with_thresholds(installation, deployment, loaded))
 }
 
-/// Does all that loading a skill of a running deployment does, under `lock` where there is one, and asks its predictors
-/// once; what comes of it is dropped. For a process that may end of it.
+/// Does all that loading a skill does, under `lock` where there is one, and asks its predictors once; what comes of it is
+/// dropped. For a process that may end of it.
 ///
 /// # Errors
 /// The first thing that is wrong with it; what the predictors answer is not looked at.
 #[cfg(target_os = "linux")]
-pub(crate) fn try_deployed(
+pub(crate) fn try_skill(
     installation: &Installation,
-    deployment: &str,
     skill: &str,
     lock: Option<&Lock>,
     robot: &RobotDescription,
 ) -> Result<(), Finding> {
     let intake = Intake::of(&installation.root, lock);
-    let deployment = deployment_through(installation, deployment, &intake)?;
-    let loaded = load_deployed(installation, &deployment, skill, robot, &intake);
-    let LoadedSkill { viability, cot, .. } = loaded.map_err(|refusal| refusal.finding)?;
+    let loaded = examine(installation, skill, robot, ModelPolicy::Required, &intake);
+    let LoadedSkill { viability, cot, .. } =
+        loaded.map_err(|findings| first(installation, skill, findings).finding)?;
     if let Ok(flat) = (Heightfield { cells_m: [[0.0; COLUMNS]; ROWS] }).prepare(None) {
         let _ = [viability, cot].map(|predictor| predictor.map(|mut it| it.predict(&flat).ok()));
     }
@@ -323,38 +322,4 @@ fn fits_rate(
     let wanted = format!("{rate_hz}, the rate of plugin {}", skill.manifest.plugin);
     let finding = Finding::new(&deployment.file, "rate_hz", deployment.rate_hz, wanted);
     Err(Refusal { skill: skill.manifest.name, finding: finding.relative_to(&installation.root) })
-}
-
-#[cfg(test)]
-#[cfg(target_os = "linux")]
-mod tests {
-    use super::*;
-    use crate::lock::Record;
-
-    /// A lock is checked once, with its signature: one that somebody puts on disk thereafter counts for nothing.
-    #[test]
-    fn a_skill_is_tried_under_the_lock_that_is_handed_over_whatever_lies_on_disk() {
-        let folder = tempfile::tempdir().unwrap();
-        let installation = Installation { root: folder.path().to_owned(), plugin_path: Vec::new() };
-        let file = installation.deployment_file("stairs");
-        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
-        let lock = |manifest: &str| {
-            std::fs::write(&file, manifest).unwrap();
-            let intake = Intake::recording(&installation.root);
-            deployment_through(&installation, "stairs", &intake).unwrap();
-            let record: Record = intake.into_record();
-            Lock::of(&installation, "stairs", record).unwrap()
-        };
-        let admitted = lock("schema = 1\nrobot = \"anymal_d\"\nskills = [\"walk\"]\n");
-        lock("schema = 1\nrobot = \"anymal_d\"\nskills = [\"walk\", \"trot\"]\n").write(None).unwrap();
-        let robot = crate::runtime::fixture::robot();
-        let tried = |lock: &Lock| {
-            let found = try_deployed(&installation, "stairs", "walk", Some(lock), &robot.description);
-            found.unwrap_err().to_string()
-        };
-        let found = tried(&admitted);
-        assert!(found.contains("stairs.toml: sha256: found "), "{found}");
-        let found = tried(&Lock::read(&installation, "stairs").unwrap());
-        assert!(found.contains("walk.toml"), "that lock takes the deployment: {found}");
-    }
 }

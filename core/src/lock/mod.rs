@@ -103,6 +103,12 @@ impl Lock {
         &self.file
     }
 
+    /// Name of the deployment.
+    #[cfg(target_os = "linux")]
+    pub(crate) fn deployment(&self) -> &str {
+        &self.content.deployment
+    }
+
     /// Its text, which a signature is made of.
     pub fn text(&self) -> &str {
         &self.text

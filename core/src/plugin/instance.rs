@@ -66,7 +66,7 @@ impl PluginInstance {
         match &self.instance {
             Instance::Here(_) => None,
             #[cfg(target_os = "linux")]
-            Instance::Child(child) => Some(child.id()),
+            Instance::Child(child) => child.id(),
         }
     }
 

@@ -286,6 +286,31 @@ fn an_action_that_is_no_number_is_an_error() {
     assert_eq!(error.message.as_str(), "policy input: found 3 values, wanted 2");
 }
 
+#[test]
+fn an_answer_that_overflows_is_an_error_whatever_computes_it() {
+    let times = |mut graph: Graph, factor: f32| {
+        let (at, factor) = (graph.at.clone(), graph.constant(&[2], vec![factor; 2]));
+        graph.node("Mul", &[&at, &factor], vec![])
+    };
+    let chain = || times(Graph::new(2), f32::MAX);
+    // A value times itself leaves the line.
+    let session = || Graph::new(2).node("Mul", &["obs", "obs"], vec![]);
+    let graphs = [
+        (chain(), true, "inf"),
+        (times(chain(), 0.0), true, "NaN"),
+        (session(), false, "inf"),
+        (session().node("Mul", &["obs", "v0"], vec![]).node("Sub", &["v0", "v1"], vec![]), false, "NaN"),
+    ];
+    for (index, (graph, is_chain, found)) in graphs.into_iter().enumerate() {
+        let network = network(&graph.bytes());
+        assert_eq!(network.is_portable(), is_chain, "graph {index}");
+        assert_eq!(answer(&network, &[1.0, 0.0])[1], 0.0, "graph {index} as long as nothing overflows");
+        let error = Handle::new(&network).run_slices(&[1.0, 1e30], &mut [0.0; 2]).unwrap_err();
+        let wanted = format!("policy output: found {found}, wanted finite actions");
+        assert_eq!(error.message.as_str(), wanted, "graph {index}");
+    }
+}
+
 const JOINTS: [&str; 12] = [
     "LF_HAA", "LF_HFE", "LF_KFE", "RF_HAA", "RF_HFE", "RF_KFE", "LH_HAA", "LH_HFE", "LH_KFE", "RH_HAA",
     "RH_HFE", "RH_KFE",

@@ -1,7 +1,9 @@
 use std::path::Path;
 
 use prost::Message;
-use tract_onnx::pb::{GraphProto, ModelProto, NodeProto, TensorProto};
+use tract_onnx::pb::{
+    FunctionProto, GraphProto, ModelProto, NodeProto, SparseTensorProto, TensorProto, TrainingInfoProto,
+};
 
 use super::guard::{self, Fault};
 use super::network::{Network, int, ints, value_info};
@@ -221,6 +223,56 @@ fn operators_that_can_ask_for_any_memory_are_refused() {
 fn an_unknown_operator_set_is_refused() {
     assert_eq!(fault(|model| model.opset_import[0].version = 99).field, "opset_import");
     assert_eq!(fault(|model| model.opset_import.clear()).field, "opset_import");
+}
+
+/// Each is sound but for one thing, which no later check would refuse.
+#[test]
+fn whatever_is_no_small_plain_graph_of_one_operator_set_is_refused() {
+    type Spoil = fn(&mut ModelProto);
+    let more_nodes: Spoil = |model| {
+        let nodes = &mut graph(model).node;
+        let spare = |at: usize| NodeProto {
+            op_type: "Relu".into(),
+            input: vec!["heightfield".into()],
+            output: vec![format!("spare{at}")],
+            ..NodeProto::default()
+        };
+        nodes.extend((nodes.len()..129).map(spare));
+    };
+    let more_tensors: Spoil = |model| {
+        let tensors = &mut graph(model).initializer;
+        let spare = |at: usize| TensorProto {
+            name: format!("spare{at}"),
+            dims: vec![1],
+            data_type: 1,
+            float_data: vec![0.5],
+            ..TensorProto::default()
+        };
+        tensors.extend((tensors.len()..129).map(spare));
+    };
+    let old: Spoil = |model| model.opset_import[0].version = 8;
+    let twice: Spoil = |model| model.opset_import.push(model.opset_import[0].clone());
+    let foreign: Spoil = |model| model.opset_import[0].domain = "com.microsoft".into();
+    let sparse: Spoil = |model| graph(model).sparse_initializer.push(SparseTensorProto::default());
+    let function: Spoil = |model| model.functions.push(FunctionProto::default());
+    let training: Spoil = |model| model.training_info.push(TrainingInfoProto::default());
+    let spoilers = [
+        ("graph.node", "129", more_nodes),
+        ("graph.initializer", "129", more_tensors),
+        ("graph.sparse_initializer", "1", sparse),
+        ("model", "functions or training information", function),
+        ("model", "functions or training information", training),
+        ("opset_import", "\"\" 8", old),
+        ("opset_import", "2 sets", twice),
+        ("opset_import", "\"com.microsoft\" 17", foreign),
+    ];
+    for (index, (field, found, spoil)) in spoilers.into_iter().enumerate() {
+        let mut model = Network::arbitrary(Quantity::Viability).model();
+        spoil(&mut model);
+        let fault = guard::check(&model.encode_to_vec(), Quantity::Viability).err();
+        let fault = fault.as_ref().map(|fault| (fault.field.as_str(), fault.found.as_str()));
+        assert_eq!(fault, Some((field, found)), "spoiler {index}");
+    }
 }
 
 #[test]

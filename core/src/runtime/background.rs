@@ -69,6 +69,11 @@ impl Beside {
         self.follow(unsafe { libc::gettid() }.unsigned_abs());
     }
 
+    /// Nothing of that number is there any more, or something else is.
+    pub(super) fn is_gone(&self) {
+        self.number.store(0, SeqCst);
+    }
+
     /// What it does is late: it goes on at the system's normal policy. For one thread alone, which never waits here.
     pub(super) fn give_way(&self) {
         #[cfg(target_os = "linux")]

@@ -355,7 +355,7 @@ impl Watch {
         let (installation, robot) = (&self.followed.installation, &self.robot.description);
         apart(|| {
             #[cfg(target_os = "linux")]
-            try_skill(installation, &deployment.name, skill, lock, robot)
+            try_skill(installation, skill, lock, robot)
                 .map_err(|finding| Refusal::of(installation, skill, finding).to_string())?;
             let intake = Intake::of(&installation.root, lock);
             let loaded = load_deployed(installation, deployment, skill, robot, &intake);

@@ -7,6 +7,8 @@ mod report;
 mod tally;
 mod trouble;
 
+use std::hash::{DefaultHasher, Hasher};
+
 use anyhow::{Context, ensure};
 use vocaloco_core::decision::{Decision, Forced, STAND};
 use vocaloco_core::installation::Installation;
@@ -15,14 +17,14 @@ use vocaloco_core::registry::load_deployment;
 use vocaloco_core::runtime::{
     Followed, Pace, Place, Roster, Runtime, RuntimeConfig, Skill, Supervision, Tick, Watch,
 };
-use vocaloco_plugin_api::JointTarget;
+use vocaloco_plugin_api::{JointDescription, JointTarget, RobotDescription};
 
 use self::bundles::{Bundles, DEPLOYMENT};
 use self::memory::Memory;
 use self::record::{Record, SHOWN};
 use self::report::{Report, Unanswered};
 use self::tally::Tally;
-use self::trouble::{Draws, Moody, Senses};
+use self::trouble::{Draws, Moody, Senses, Spoilt};
 use crate::exit::Exit;
 use crate::verbs::Shared;
 use crate::verbs::run::pace::clock;
@@ -36,11 +38,14 @@ use crate::{output, progress};
 /// lie on the plugin path; `cargo vocaloco bench soak` builds it there. Predictions and measurements are
 /// spoiled likewise. All of it follows from the seed.
 ///
-/// Every decision is logged, read back and decided again. Exit code 1 when one is missing or comes out
-/// otherwise, when a fault of the terrain, a measurement or the active skill is not answered by the stand in the
-/// same tick, when a target is no number, when more files stay open, or when memory grows by more than 5 % of its
-/// highest in the first fifth of the ticks. A run of fewer than 50,000 ticks has not seen all that it keeps for
-/// good: its growth is said and not judged. Linux only.
+/// Every decision is logged, read back and decided again; a second run of the same seed has the same fingerprint,
+/// which is of all that was decided and of every target. Exit code 1 when a decision is missing from the log or
+/// comes out otherwise, when a fault of the terrain, a measurement or the active skill is not answered by the stand
+/// in the same tick, when a skill counts as viable in a tick in which its prediction was spoiled, when a target is
+/// no number or outside what its drive may be told, when more files stay open, or when memory grows by more than
+/// 5 % of its highest in the first fifth of the ticks. From 200,000 ticks on growth is judged, and skills must drive in a
+/// fifth of each fifth of the ticks; from 1,000,000 on every kind of fault must have come. What ticks took is said
+/// and not judged: simulated time waits for what hangs. Linux only.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Ticks to run; a day at 50 Hz is 4,320,000
@@ -54,7 +59,9 @@ pub(crate) struct Args {
 }
 
 /// Ticks from which on growth is judged.
-const JUDGED_TICKS: u64 = 50_000;
+const JUDGED_TICKS: u64 = 200_000;
+/// Ticks from which on every kind of fault must have come.
+const COMPLETE_TICKS: u64 = 1_000_000;
 /// Ticks of one log.
 const SEGMENT_TICKS: u64 = 500;
 /// Ticks between two changes of skills, at least and less than.
@@ -98,7 +105,11 @@ struct Soak<'a> {
     added: u64,
     removed: u64,
     switches: u64,
-    driven: u64,
+    /// Ticks in which a skill drove, of each fifth.
+    driven: [u64; 5],
+    spoilt: Spoilt,
+    fingerprint: Fingerprint,
+    bounds: Bounds,
     unanswered: u64,
     first_unanswered: Vec<Unanswered>,
     unsound_targets: u64,
@@ -120,10 +131,11 @@ impl<'a> Soak<'a> {
         let deployment = loaded.deployment.clone();
         let (config, robot) = (RuntimeConfig::from(&deployment), loaded.robot.clone());
         let tally = Tally::default();
-        let mut skills = Vec::new();
+        let (mut skills, spoilt) = (Vec::new(), Spoilt::default());
         for (index, skill) in loaded.skills.into_iter().enumerate() {
             let skill = Skill::of(skill, &robot.description)?;
-            skills.push(Moody::around(skill, Draws::new(seed, "soak.prediction", index as u64), &tally));
+            let draws = Draws::new(seed, "soak.prediction", index as u64);
+            skills.push(Moody::around(skill, draws, &tally, &spoilt));
         }
         let loads = skills.len() as u64;
         // A hang of an isolated plugin is not an overrun of the loop's: simulated time waits for it.
@@ -132,6 +144,7 @@ impl<'a> Soak<'a> {
             deadlines: Deadlines { act_s: 10.0, predict_s: 10.0 },
             pace: Pace::Simulated,
         };
+        let bounds = Bounds::of(&robot.description);
         let runtime = Runtime::from_skills(config, robot.clone(), skills)
             .with_switching(deployment.switching)
             .supervised(supervision)?;
@@ -144,6 +157,7 @@ impl<'a> Soak<'a> {
             record: Record::start(&bundles.folder().join("decisions.mcap"), &runtime)?,
             next_change: changes.between(CHANGE_TICKS),
             memory: Memory::of(args.ticks),
+            bounds,
             bundles,
             runtime,
             watch,
@@ -153,7 +167,9 @@ impl<'a> Soak<'a> {
             added: 0,
             removed: 0,
             switches: 0,
-            driven: 0,
+            driven: [0; 5],
+            spoilt,
+            fingerprint: Fingerprint::default(),
             unanswered: 0,
             first_unanswered: Vec::new(),
             unsound_targets: 0,
@@ -185,14 +201,16 @@ impl<'a> Soak<'a> {
     fn tick(&mut self, tick: u64) -> anyhow::Result<()> {
         let (observation, wanted) = self.senses.at(tick, TICK_S * tick as f64);
         let Tick { decision, joints, .. } = self.runtime.tick(&observation);
-        self.unsound_targets += u64::from(!joints.iter().all(is_sound));
-        if !is_answered(decision, wanted) {
+        self.unsound_targets += u64::from(!self.bounds.hold(joints));
+        self.fingerprint.add(decision, joints)?;
+        let believed = self.spoilt.believed(decision);
+        if believed.is_some() || !is_answered(decision, wanted) {
             self.unanswered += 1;
             if self.first_unanswered.len() < SHOWN {
-                self.first_unanswered.push(Unanswered::of(decision, wanted));
+                self.first_unanswered.push(Unanswered::of(decision, wanted, believed));
             }
         }
-        self.driven += u64::from(decision.active != STAND);
+        self.driven[(5 * tick / self.args.ticks) as usize] += u64::from(decision.active != STAND);
         if decision.active != self.driver {
             self.switches += 1;
             self.driver.clone_from(&decision.active);
@@ -228,7 +246,7 @@ impl<'a> Soak<'a> {
             Place::New(skill) => {
                 self.loads += 1;
                 let draws = Draws::new(self.args.shared.seed, "soak.prediction", self.loads);
-                Place::New(Moody::around(skill, draws, &self.tally))
+                Place::New(Moody::around(skill, draws, &self.tally, &self.spoilt))
             }
             kept @ Place::Kept(_) => kept,
         };
@@ -239,6 +257,15 @@ impl<'a> Soak<'a> {
 
     fn report(self, wall_s: f64) -> Report {
         let (args, ticks) = (self.args, self.args.ticks);
+        let share = |driven: u64, of: u64| if of == 0 { 1.0 } else { driven as f64 / of as f64 };
+        let fifths = [0, 1, 2, 3, 4].map(|fifth| {
+            let begins = |fifth: u64| (fifth * ticks).div_ceil(5);
+            share(self.driven[fifth as usize], begins(fifth + 1) - begins(fifth))
+        });
+        let mut kinds = trouble::kinds();
+        kinds.extend(tally::kinds());
+        let faults = self.tally.counts();
+        kinds.retain(|kind| !faults.contains_key(*kind));
         Report {
             command: format!(
                 "vocaloco bench soak --ticks {ticks} --deployment {} --seed {}",
@@ -255,13 +282,17 @@ impl<'a> Soak<'a> {
             unsound_targets: self.unsound_targets,
             rss_growth: self.memory.growth(),
             judges_growth: ticks >= JUDGED_TICKS,
+            judges_kinds: ticks >= COMPLETE_TICKS,
+            missing_kinds: kinds,
+            fingerprint: self.fingerprint.finish(),
             rss_mib: self.memory.curve(),
             open_files: self.memory.open_files(),
-            faults: self.tally.counts(),
+            faults,
             skills_added: self.added,
             skills_removed: self.removed,
             switches: self.switches,
-            driven_share: self.driven as f64 / ticks as f64,
+            driven_share: share(self.driven.iter().sum(), ticks),
+            driven_share_of_fifths: fifths,
             wall_s,
             ticks_per_s: ticks as f64 / wall_s,
             timing: self.runtime.times(),
@@ -277,9 +308,52 @@ fn is_answered(decision: &Decision, wanted: Option<Forced>) -> bool {
     is_said && (stands || !decision.forced.is_some_and(Forced::is_stop))
 }
 
-fn is_sound(target: &JointTarget) -> bool {
-    let JointTarget { position_rad, stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm } = *target;
-    [position_rad, stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm].iter().all(|it| it.is_finite())
+/// What drives may be told: counted here once more, and not by what the runtime refuses.
+struct Bounds(Vec<[f32; 2]>);
+
+impl Bounds {
+    fn of(robot: &RobotDescription) -> Self {
+        // A spring may pull with all that the drive has: by the softest that is let through that is far.
+        let range = |joint: &JointDescription| [joint.lower_rad as f32, joint.upper_rad as f32];
+        Self(robot.joints.iter().map(range).collect())
+    }
+
+    /// Whether all are numbers, gains are there and in no drive's way, and positions pull no harder than
+    /// 200 N·m away from the joint's range.
+    fn hold(&self, joints: &[JointTarget]) -> bool {
+        joints.len() == self.0.len()
+            && joints.iter().zip(&self.0).all(|(target, [lower, upper])| {
+                let slack = 0.5 + 200.0 / target.stiffness_nm_per_rad;
+                (lower - slack..=upper + slack).contains(&target.position_rad)
+                    && (1.0..=1000.0).contains(&target.stiffness_nm_per_rad)
+                    && (0.01..=100.0).contains(&target.damping_nms_per_rad)
+                    && target.feed_forward_nm.is_finite()
+            })
+    }
+}
+
+/// Of all that was decided, and of every target, so far.
+#[derive(Default)]
+struct Fingerprint(DefaultHasher);
+
+impl Fingerprint {
+    fn add(&mut self, decision: &Decision, joints: &[JointTarget]) -> anyhow::Result<()> {
+        // The field is there by its hash.
+        let decided = Decision { field: None, timings: None, ..decision.clone() };
+        self.0.write(&serde_json::to_vec(&decided)?);
+        for target in joints {
+            let JointTarget { position_rad, stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm } =
+                *target;
+            for value in [position_rad, stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm] {
+                self.0.write_u32(value.to_bits());
+            }
+        }
+        Ok(())
+    }
+
+    fn finish(&self) -> String {
+        format!("{:016x}", self.0.finish())
+    }
 }
 
 #[cfg(test)]
@@ -297,5 +371,41 @@ mod tests {
         assert!(!is_answered(&decision("walk", fault), None), "goes on after a fault");
         assert!(!is_answered(&decision("walk", terrain), terrain));
         assert!(!is_answered(&decision(STAND, None), terrain), "stands for another reason");
+    }
+
+    #[test]
+    fn a_target_outside_what_a_drive_may_be_told_is_noticed() {
+        let bounds = Bounds(vec![[-1.0, 1.0]; 2]);
+        let stand = JointTarget {
+            position_rad: 0.3,
+            stiffness_nm_per_rad: 80.0,
+            damping_nms_per_rad: 2.0,
+            feed_forward_nm: 0.0,
+        };
+        assert!(bounds.hold(&[stand; 2]) && !bounds.hold(&[stand]));
+        for wrong in [
+            JointTarget { position_rad: 50.0, ..stand },
+            JointTarget { position_rad: f32::NAN, ..stand },
+            JointTarget { stiffness_nm_per_rad: 0.0, ..stand },
+            JointTarget { stiffness_nm_per_rad: -80.0, ..stand },
+            JointTarget { damping_nms_per_rad: 0.0, ..stand },
+            JointTarget { damping_nms_per_rad: f32::INFINITY, ..stand },
+            JointTarget { feed_forward_nm: f32::NAN, ..stand },
+        ] {
+            assert!(!bounds.hold(&[stand, wrong]), "{wrong:?}");
+        }
+    }
+
+    #[test]
+    fn one_bit_of_a_target_or_one_word_of_a_decision_is_another_fingerprint() {
+        let of = |position_rad: f32, event: &str| {
+            let mut fingerprint = Fingerprint::default();
+            let decision = Decision { events: vec![event.to_owned()], ..Decision::default() };
+            fingerprint.add(&decision, &[JointTarget { position_rad, ..JointTarget::default() }]).unwrap();
+            fingerprint.finish()
+        };
+        assert_eq!(of(0.5, "late"), of(0.5, "late"));
+        assert_ne!(of(0.5, "late"), of(f32::from_bits(0.5_f32.to_bits() + 1), "late"));
+        assert_ne!(of(0.5, "late"), of(0.5, "last"));
     }
 }

@@ -4,7 +4,8 @@ use std::io::{self, BufRead};
 
 /// What `run --source stdio` reads: SIGINT, SIGTERM and SIGHUP end it as the other side's hanging up does, before the next
 /// line. A second SIGINT or SIGTERM ends the process as it would without this, for a plugin that never returns; SIGHUP
-/// comes more than once when a terminal goes. What this process was started to ignore it ignores, as under `nohup`.
+/// comes more than once, and another signal after it, when a terminal goes. What this process was started to ignore it
+/// ignores, as under `nohup`; on Linux, which alone says what that is.
 ///
 /// # Errors
 /// Standard input cannot be read, or the system watches no signals.
@@ -27,14 +28,14 @@ pub(super) fn until_asked_to_end() -> io::Result<impl BufRead> {
         }
         if signal != SIGHUP {
             flag::register_conditional_default(signal, Arc::clone(&is_asked))?;
+            flag::register(signal, Arc::clone(&is_asked))?;
         }
-        flag::register(signal, Arc::clone(&is_asked))?;
         pipe::register(signal, asks.try_clone()?)?;
     }
     let stdin = File::from(io::stdin().as_fd().try_clone_to_owned()?);
     // What else in this process reads there, a plugin or a library, takes no line away.
     rustix::stdio::dup2_stdin(File::open("/dev/null")?)?;
-    Ok(io::BufReader::with_capacity(64 << 10, unix::Until { stdin, asked }))
+    Ok(io::BufReader::with_capacity(64 << 10, unix::Until { stdin, asked, _asks: asks }))
 }
 
 /// Whether this process was started to ignore a signal; where the system does not say, no.
@@ -62,6 +63,8 @@ mod unix {
     pub(super) struct Until {
         pub(super) stdin: File,
         pub(super) asked: UnixStream,
+        /// Open as long as this is: where no signal is watched nobody else holds it.
+        pub(super) _asks: UnixStream,
     }
 
     impl Read for Until {

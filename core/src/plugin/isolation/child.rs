@@ -16,7 +16,7 @@ use vocaloco_plugin_api::{
 
 use super::frame::{Call, NO_CALL, read_answer, write_call};
 use super::memory::SharedMemory;
-use super::message::{self, Create, Policy, Refused, Start, Started, Trial, bytes_of, path_of};
+use super::message::{self, Create, Locked, Policy, Refused, Start, Started, Trial, bytes_of, path_of};
 use super::wire;
 use crate::installation::Installation;
 use crate::lock::Lock;
@@ -74,14 +74,13 @@ struct Origin {
     start: Start,
 }
 
-/// Loads a skill, as `deployment` has it and under `lock` where there is one, in a child that ends thereafter; where no
-/// program for children is known, nothing is found.
+/// Loads a skill, under `lock` where there is one, in a child that ends thereafter; where no program for children is
+/// known, nothing is found. What its deployment asks of it is for who loads it next.
 ///
 /// # Errors
 /// What is wrong with it, or loading it ends the process that does, or takes too long.
 pub(crate) fn try_skill(
     installation: &Installation,
-    deployment: &str,
     skill: &str,
     lock: Option<&Lock>,
     robot: &RobotDescription,
@@ -90,9 +89,9 @@ pub(crate) fn try_skill(
     let trial = Some(Trial {
         root: bytes_of(&installation.root),
         plugin_path: installation.plugin_path.iter().map(|folder| bytes_of(folder)).collect(),
-        deployment: deployment.to_owned(),
         skill: skill.to_owned(),
-        lock: lock.map(|lock| lock.text().to_owned()),
+        lock: lock
+            .map(|lock| Locked { deployment: lock.deployment().to_owned(), text: lock.text().to_owned() }),
         robot: message::Robot::of(robot),
     });
     let start = Start { library: bytes_of(&installation.skill_file(skill)), trial, ..Start::default() };
@@ -150,32 +149,41 @@ impl ChildInstance {
 
     fn start(origin: Origin) -> Result<(Self, Started), PluginError> {
         let file = path_of(origin.start.library.clone());
-        let refuse = |found: String, wanted: &str| {
-            PluginError::Create(Finding::new(&file, "isolation", found, wanted))
+        // What is tried may be no isolated one, and its model's runtime what ends the process.
+        let (field, loads) = match &origin.start.trial {
+            Some(_) => ("file", "a skill that loads in a process of its own"),
+            None => ("isolation", "a plugin that loads and makes an instance"),
         };
+        let refuse =
+            |found: String, wanted: &str| PluginError::Create(Finding::new(&file, field, found, wanted));
         let wanted = format!("{} as a process of its own", origin.program.0.display());
         let mut instance = Self::spawn(origin).map_err(|error| refuse(error.to_string(), &wanted))?;
-        let answer = wire::send(&mut instance.wire, &instance.origin.start)
-            .and_then(|()| wire::receive::<Started>(&mut instance.wire))
-            .and_then(|started| instance.wire.set_read_timeout(Some(HUNG)).map(|()| started));
-        match answer {
+        match instance.begin(START) {
             Ok(Started { refused: Some(refused), .. }) => {
                 let Refused { kind, file, field, found, wanted } = refused;
                 let finding = Finding::new(&path_of(file), field, found, wanted);
                 Err(PluginError::of_kind(kind, finding))
             }
             Ok(started) => Ok((instance, started)),
-            Err(error) => {
-                Err(refuse(instance.end(&error, START), "a plugin that loads and makes an instance"))
-            }
+            Err(ended) => Err(refuse(ended, loads)),
         }
+    }
+
+    /// Hands over what is to be made and waits for what comes of it, or ends the child and says how.
+    fn begin(&mut self, patience: Duration) -> Result<Started, String> {
+        let wire = &mut self.wire;
+        let started = wire
+            .set_read_timeout(Some(patience))
+            .and_then(|()| wire.set_write_timeout(Some(patience)))
+            .and_then(|()| wire::send(wire, &self.origin.start))
+            .and_then(|()| wire::receive::<Started>(wire))
+            .and_then(|started| wire.set_read_timeout(Some(HUNG)).map(|()| started));
+        started.map_err(|error| self.end(&error, patience))
     }
 
     fn spawn(origin: Origin) -> io::Result<Self> {
         let (memory, shared) = SharedMemory::new()?;
         let (wire, theirs) = UnixStream::pair()?;
-        wire.set_read_timeout(Some(START))?;
-        wire.set_write_timeout(Some(START))?;
         let child = Process::new(&origin.program.0)
             .arg("plugin-host")
             // Handed over, not named: another process's descriptors can be closed to it.
@@ -187,9 +195,9 @@ impl ChildInstance {
         Ok(Self { origin, child, wire, memory, bytes: Vec::new(), calls: 0, ended: None })
     }
 
-    /// Number of the process.
-    pub(crate) fn id(&self) -> u32 {
-        self.child.id()
+    /// Number of the process, until it has ended: it may be another's then.
+    pub(crate) fn id(&self) -> Option<u32> {
+        self.ended.is_none().then(|| self.child.id())
     }
 
     /// Starts anew what has ended, for another run that is to go as the first.
@@ -253,7 +261,7 @@ impl ChildInstance {
     fn end(&mut self, error: &io::Error, patience: Duration) -> String {
         let is_late = matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut);
         let ended = if is_late {
-            format!("no answer for {} s from its process, which was ended", patience.as_secs())
+            format!("no answer for {} s from its process, which was ended", patience.as_secs_f64())
         } else if error.kind() == ErrorKind::Other {
             format!("{error} from its process, which was ended")
         } else {
@@ -291,7 +299,7 @@ impl ChildInstance {
 fn how(status: ExitStatus) -> String {
     let name = |signal| match signal {
         4 => " (illegal instruction)",
-        6 => " (abort)",
+        6 => " (abort, which more memory than it may have comes to as well)",
         7 => " (bus error)",
         8 => " (arithmetic)",
         9 => " (killed)",
@@ -314,5 +322,22 @@ impl Drop for ChildInstance {
         if self.ended.is_none() {
             self.kill();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `grep` takes what it is sent and says nothing until that ends: to its host, a plugin that hangs when created.
+    #[test]
+    fn a_child_that_never_makes_its_instance_is_ended_and_the_time_it_had_is_named() {
+        let origin = Origin { program: Program("grep".into()), start: Start::default() };
+        let mut instance = ChildInstance::spawn(origin).unwrap();
+        let process = PathBuf::from(format!("/proc/{}", instance.id().unwrap()));
+        assert!(process.exists(), "it runs");
+        let ended = instance.begin(Duration::from_millis(300)).unwrap_err();
+        assert_eq!(ended, "no answer for 0.3 s from its process, which was ended");
+        assert!(!process.exists() && instance.id().is_none(), "it is gone");
     }
 }

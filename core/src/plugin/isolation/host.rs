@@ -32,14 +32,20 @@ pub fn serve() -> io::Result<()> {
     rustix::stdio::dup2_stdin(File::open("/dev/null")?)?;
     rustix::stdio::dup2_stdout(File::options().write(true).open("/dev/null")?)?;
     limits::leave_no_core()?;
-    limits::allow_growth(LOADING_BYTES)?;
     end_with_the_host(wire.try_clone()?)?;
     let start: Start = wire::receive(&mut wire)?;
+    // A skill that is tried may be one that runs in the host, where nothing limits it.
+    let is_limited = start.trial.is_none();
+    if is_limited {
+        limits::allow_growth(LOADING_BYTES)?;
+    }
     let (started, instance) = match load(start) {
         Ok((started, instance)) => (started, instance),
         Err(error) => (Started { refused: Some(refused(error)), ..Started::default() }, None),
     };
-    limits::allow_growth(GROWTH_BYTES)?;
+    if is_limited {
+        limits::allow_growth(GROWTH_BYTES)?;
+    }
     wire::send(&mut wire, &started)?;
     let Some(mut instance) = instance else { return Ok(()) };
     let (mut call, mut bytes, mut number) = (CallBuffer::default(), Vec::new(), NO_CALL);
@@ -66,13 +72,17 @@ fn run(instance: &mut PluginInstance, call: &mut CallBuffer) -> Result<(), Skill
 
 /// Ends this process when the host is gone, even while the plugin never returns.
 fn end_with_the_host(wire: UnixStream) -> io::Result<()> {
+    let (begun, begins) = std::sync::mpsc::sync_channel(1);
     std::thread::Builder::new().name("host watch".to_owned()).stack_size(64 << 10).spawn(move || {
+        // The thread's heap is reserved with its first allocation: before the address space is counted, so that the same
+        // growth ends every child of a plugin.
+        let _ = begun.send(std::hint::black_box(Box::new(0_u8)));
         limits::wait_for_hang_up(&wire);
         // With what the plugin has started; the group is this process's own.
         let _ = rustix::process::kill_current_process_group(rustix::process::Signal::KILL);
         std::process::abort();
     })?;
-    Ok(())
+    begins.recv().map(drop).map_err(io::Error::other)
 }
 
 fn load(start: Start) -> Result<(Started, Option<PluginInstance>), PluginError> {
@@ -93,14 +103,14 @@ fn load(start: Start) -> Result<(Started, Option<PluginInstance>), PluginError> 
 
 /// Loads the skill and asks its predictors once.
 fn try_skill(trial: Trial) -> Result<(), Finding> {
-    let Trial { root, plugin_path, deployment, skill, lock, robot } = trial;
+    let Trial { root, plugin_path, skill, lock, robot } = trial;
     let installation =
         Installation { root: path_of(root), plugin_path: plugin_path.into_iter().map(path_of).collect() };
     let robot = robot.into_api().ok_or_else(|| {
         Finding::new(&installation.skill_file(&skill), "robot", "a description cut short", "a whole one")
     })?;
-    let lock = lock.map(|text| Lock::of_text(&installation, &deployment, text)).transpose()?;
-    registry::try_deployed(&installation, &deployment, &skill, lock.as_ref(), &robot)
+    let lock = lock.map(|lock| Lock::of_text(&installation, &lock.deployment, lock.text)).transpose()?;
+    registry::try_skill(&installation, &skill, lock.as_ref(), &robot)
 }
 
 fn instance(
@@ -130,4 +140,46 @@ fn refused(error: PluginError) -> Refused {
     let finding = error.into_finding();
     let file = bytes_of(&finding.file);
     Refused { kind, file, field: finding.field, found: finding.found, wanted: finding.wanted }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::message::{Locked, Robot};
+    use super::*;
+    use crate::lock::Intake;
+
+    /// A lock is checked once, with its signature: one that somebody puts on disk thereafter counts for nothing.
+    #[test]
+    fn a_skill_is_tried_under_the_lock_that_is_handed_over_whatever_lies_on_disk() {
+        let folder = tempfile::tempdir().unwrap();
+        let installation = Installation { root: folder.path().to_owned(), plugin_path: Vec::new() };
+        let file = installation.skill_file("walk");
+        std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+        let lock = |manifest: &str| {
+            std::fs::write(&file, manifest).unwrap();
+            let intake = Intake::recording(&installation.root);
+            intake.text(&file, 1 << 20, &file, "file").unwrap();
+            Lock::of(&installation, "stairs", intake.into_record()).unwrap()
+        };
+        let admitted = lock("schema = 1");
+        let deployment = installation.deployment_file("stairs");
+        std::fs::create_dir_all(deployment.parent().unwrap()).unwrap();
+        let on_disk = lock("schema = 2");
+        on_disk.write(None).unwrap();
+        let robot = crate::runtime::fixture::robot();
+        let tried = |lock: &Lock| {
+            let trial = Trial {
+                root: bytes_of(folder.path()),
+                plugin_path: Vec::new(),
+                skill: "walk".to_owned(),
+                lock: Some(Locked { deployment: "stairs".to_owned(), text: lock.text().to_owned() }),
+                robot: Robot::of(&robot.description),
+            };
+            try_skill(trial).unwrap_err().to_string()
+        };
+        let found = tried(&admitted);
+        assert!(found.contains("walk.toml: sha256: found "), "{found}");
+        let found = tried(&on_disk);
+        assert!(!found.contains("sha256"), "that lock has the manifest: {found}");
+    }
 }

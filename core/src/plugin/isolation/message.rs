@@ -32,14 +32,20 @@ pub(super) struct Trial {
     #[prost(bytes = "vec", repeated, tag = "2")]
     pub(super) plugin_path: Vec<Vec<u8>>,
     #[prost(string, tag = "3")]
-    pub(super) deployment: String,
-    #[prost(string, tag = "4")]
     pub(super) skill: String,
-    /// The text of the deployment's lock, as the host has admitted it: only what that has is taken.
-    #[prost(string, optional, tag = "5")]
-    pub(super) lock: Option<String>,
-    #[prost(message, required, tag = "6")]
+    /// The deployment's name and the text of its lock, as the host has admitted it: only what that has is taken.
+    #[prost(message, optional, tag = "4")]
+    pub(super) lock: Option<Locked>,
+    #[prost(message, required, tag = "5")]
     pub(super) robot: Robot,
+}
+
+#[derive(Clone, PartialEq, prost::Message)]
+pub(super) struct Locked {
+    #[prost(string, tag = "1")]
+    pub(super) deployment: String,
+    #[prost(string, tag = "2")]
+    pub(super) text: String,
 }
 
 #[derive(Clone, PartialEq, prost::Message)]

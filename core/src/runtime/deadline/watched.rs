@@ -72,6 +72,9 @@ impl WatchedController {
                 }
             };
             beside.come_back();
+            if controller.process().is_none() {
+                beside.is_gone();
+            }
         };
         let panicked = |call: &mut Call, words: &str| {
             call.answer = Err(("act", CallFault::Failed(format!("panicked: {words}"))));

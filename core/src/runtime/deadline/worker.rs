@@ -73,9 +73,9 @@ impl<J: Send + 'static> Worker<J> {
                 // Before the lock, which nothing slow must hold, and under it, since until then the job can be found late.
                 theirs.beside.come_back();
                 let mut slot = theirs.lock();
+                theirs.beside.come_back();
                 slot.job = Some(job);
                 slot.turn = Turn::Answered;
-                theirs.beside.come_back();
                 theirs.changed.notify_all();
             }
         })?;
@@ -117,6 +117,7 @@ fn next<J>(shared: &Shared<J>) -> Option<Box<J>> {
     let waits = |slot: &mut Slot<J>| slot.turn != Turn::Asked && !slot.is_abandoned;
     let waited = shared.changed.wait_while(shared.lock(), waits);
     let mut slot = waited.unwrap_or_else(PoisonError::into_inner);
+    shared.beside.come_back();
     if slot.is_abandoned {
         return None;
     }

@@ -272,7 +272,7 @@ impl Skill for Faulty {
 /// Calls of all instances that drift: what no reset forgets.
 static CALLS: AtomicU32 = AtomicU32::new(0);
 
-/// Writes to whatever socket its process has: an isolated plugin's is the host's.
+/// Writes to the sockets that its process has: of an isolated plugin's one is the host's.
 #[allow(unsafe_code, reason = "a descriptor of another's is no file to write to otherwise")]
 fn answer_the_host() {
     use std::io::Write;
@@ -281,7 +281,8 @@ fn answer_the_host() {
         let link = std::fs::read_link(format!("/proc/self/fd/{descriptor}"));
         link.is_ok_and(|link| link.to_string_lossy().starts_with("socket:"))
     };
-    if let Some(descriptor) = (0..64).find(is_socket) {
+    // Not the standard streams, one of which may lead to a journal.
+    for descriptor in (3..64).filter(is_socket) {
         // SAFETY: the descriptor is open, and is not closed here.
         let mut host = std::mem::ManuallyDrop::new(unsafe { std::fs::File::from_raw_fd(descriptor) });
         drop(host.write_all(&1_u64.to_le_bytes()));

@@ -10,9 +10,9 @@ pub(super) struct Tally(Arc<Mutex<BTreeMap<String, u64>>>);
 /// What a decision's event says of a plugin, and what it is counted as.
 const EVENTS: [(&str, &str); 10] = [
     ("(segmentation fault)", "plugin: segmentation fault in its process"),
-    ("(abort)", "plugin: abort or more memory than allowed in its process"),
+    ("(abort", "plugin: abort or more memory than allowed in its process"),
     ("no answer for", "plugin: hangs in its process"),
-    ("ended", "plugin: its process ended otherwise"),
+    (OTHERWISE, "plugin: its process ended otherwise"),
     ("panicked", "plugin: panic, or more targets than joints"),
     ("asked for an error", "plugin: error"),
     ("position_rad NaN", "plugin: targets that are no numbers, or missing"),
@@ -20,6 +20,14 @@ const EVENTS: [(&str, &str); 10] = [
     ("stiffness_nm_per_rad", "plugin: stiffness out of range"),
     ("damping_nms_per_rad", "plugin: damping out of range"),
 ];
+
+/// What must have come to plugins in a long run.
+pub(super) fn kinds() -> Vec<&'static str> {
+    EVENTS.iter().filter(|(part, _)| *part != OTHERWISE).map(|(_, kind)| *kind).collect()
+}
+
+/// Nothing that is brought about.
+const OTHERWISE: &str = "ended";
 
 impl Tally {
     /// One more of a kind.

@@ -1,6 +1,8 @@
 //! What goes wrong during a soak: measurements, terrain and predictions, each by its own stream of the seed.
 
-use vocaloco_core::decision::Forced;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use vocaloco_core::decision::{Decision, Forced};
 use vocaloco_core::heightfield::Field;
 use vocaloco_core::observation::{BaseInOdom, Observation};
 use vocaloco_core::robot::RobotModel;
@@ -78,6 +80,11 @@ fn each_elevation(observation: &mut Observation, change: fn(&mut vocaloco_core::
     observation.elevation.iter_mut().for_each(change);
 }
 
+/// Kinds of what goes wrong beside the plugins.
+pub(super) fn kinds() -> Vec<&'static str> {
+    SPOILS.iter().map(|(kind, ..)| *kind).chain(SPELLS.iter().map(|(kind, _)| *kind)).collect()
+}
+
 /// What the robot measures and is told.
 pub(super) struct Senses {
     approach: Vec<Observation>,
@@ -152,11 +159,32 @@ const SPELLS: [(&str, Spell); 7] = [
     ("prediction: panic", Spell::Panics),
 ];
 
+/// Skills whose prediction was spoiled since they were asked for last.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Spoilt(Arc<Mutex<Vec<String>>>);
+
+impl Spoilt {
+    fn add(&self, skill: &str) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(skill.to_owned());
+    }
+
+    /// One that counts as viable in the tick that its prediction was spoiled in.
+    pub(super) fn believed(&self, decision: &Decision) -> Option<String> {
+        let mut spoilt = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_viable = |name: &String| decision.skills.iter().any(|it| it.name == *name && it.viable);
+        let believed = spoilt.iter().find(|name| is_viable(name)).cloned();
+        spoilt.clear();
+        believed
+    }
+}
+
 /// A skill's own predictors, whose answers are changed: now dearer, now cheaper, and at times nonsense.
 pub(super) struct Moody {
     inner: Box<dyn Predict>,
+    skill: String,
     draws: Draws,
     tally: Tally,
+    spoilt: Spoilt,
     /// Share of the cost that is predicted.
     cost_share: f32,
     /// Viability in place of the predicted one.
@@ -166,9 +194,17 @@ pub(super) struct Moody {
 
 impl Moody {
     /// The skill with such predictors.
-    pub(super) fn around(skill: Skill, draws: Draws, tally: &Tally) -> Skill {
-        let (inner, tally) = (skill.predictors, tally.clone());
-        let predictors = Self { inner, draws, tally, cost_share: 1.0, viability: Some(0.995), spell: None };
+    pub(super) fn around(skill: Skill, draws: Draws, tally: &Tally, spoilt: &Spoilt) -> Skill {
+        let predictors = Self {
+            inner: skill.predictors,
+            skill: skill.rule.name.clone(),
+            draws,
+            tally: tally.clone(),
+            spoilt: spoilt.clone(),
+            cost_share: 1.0,
+            viability: Some(0.995),
+            spell: None,
+        };
         Skill { predictors: Box::new(predictors), ..skill }
     }
 
@@ -197,6 +233,7 @@ impl Predict for Moody {
         }
         let Some((spell, left)) = self.spell.take() else { return (prediction, failed) };
         self.spell = (left > 1).then_some((spell, left - 1));
+        self.spoilt.add(&self.skill);
         match spell {
             Spell::Nan => prediction.viability = f32::NAN,
             Spell::Infinite => prediction.cot = f32::INFINITY,
@@ -230,6 +267,30 @@ mod tests {
         for other in [numbers(8, "a", 0), numbers(7, "b", 0), numbers(7, "a", 1)] {
             assert_ne!(first, other);
         }
+    }
+
+    #[test]
+    fn a_spoiled_prediction_that_is_believed_in_its_tick_is_noticed() {
+        use vocaloco_core::decision::SkillVerdict;
+        use vocaloco_core::selector::Reason;
+        let decision = |viable| {
+            let verdict = SkillVerdict {
+                name: "walk".to_owned(),
+                viability: None,
+                cot: None,
+                strangeness: None,
+                viable,
+                reason: Reason::Unusable,
+            };
+            Decision { skills: vec![verdict], ..Decision::default() }
+        };
+        let spoilt = Spoilt::default();
+        assert_eq!(spoilt.believed(&decision(true)), None);
+        spoilt.add("walk");
+        assert_eq!(spoilt.believed(&decision(true)), Some("walk".to_owned()));
+        assert_eq!(spoilt.believed(&decision(true)), None, "of the tick before");
+        spoilt.add("walk");
+        assert_eq!(spoilt.believed(&decision(false)), None);
     }
 
     #[test]
