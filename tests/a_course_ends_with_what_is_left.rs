@@ -113,9 +113,10 @@ fn assert_positive_overruns(timing: &Value) {
     assert!(timing["overruns"].as_u64().is_some_and(|count| count >= 1), "{timing:#}");
 }
 
-/// In real time the hanging skill is in the loop's own process, where nothing can end it. Held to is what is
-/// decided, not milliseconds: where the machine is so busy that a sound skill is late, the robot stands, and the
-/// course is driven again, three times at most. `chrt -f 5` before the test's program keeps other work from that.
+/// In real time the hanging skill is in the loop's own process, where nothing can end it. In every attempt it is late,
+/// out of service and never drives, and half of the ticks are shorter than a period. That the course is reached takes a
+/// machine that leaves the sound skills their time: where it is so busy that one of them is late, the robot stands, and
+/// the course is driven again, three times at most. `chrt -f 5` before the test's program keeps other work from that.
 #[test]
 fn in_real_time_a_skill_that_hangs_in_the_loops_own_process_is_passed_over_too() {
     let fixture = fixture(&["crashing"]);
@@ -128,17 +129,23 @@ fn in_real_time_a_skill_that_hangs_in_the_loops_own_process_is_passed_over_too()
         let (report, events) = climb(&fixture, &["--real-time"]);
         eprintln!("{}: {}", report["outcome"], report["timing"]);
         assert_broken_do_not_drive(&report);
+        for wanted in [
+            "skill hanging is late: reset and act: found no answer, wanted one within 8.0 ms",
+            "skill hanging is taken out of service: ",
+        ] {
+            assert!(events.contains(wanted), "{wanted:?} is not in {events}");
+        }
+        assert!(
+            report["timing"]["p50_us"].as_f64().is_some_and(|us| us < 20_000.0),
+            "{:#}",
+            report["timing"]
+        );
         if SOUND.iter().any(|name| events.contains(&format!("skill {name} is "))) {
             eprintln!("a sound skill was late: {events}");
             continue;
         }
         assert_eq!(report["outcome"], "reached", "{report:#}");
-        for skill in ["hanging", "crashing"] {
-            assert!(
-                events.contains(&format!("skill {skill} is taken out of service: ")),
-                "{skill}: {events}"
-            );
-        }
+        assert!(events.contains("skill crashing is taken out of service: "), "{events}");
         return;
     }
 }

@@ -8,10 +8,10 @@ use vocaloco_core::decision::{Decision, Forced};
 use vocaloco_core::elevation::Elevation;
 use vocaloco_core::manifest::Isolation;
 use vocaloco_core::observation::{BaseInOdom, Observation};
-use vocaloco_core::registry::read_deployment;
-use vocaloco_core::runtime::{Followed, Watch};
+use vocaloco_core::registry::{ModelPolicy, load_skill, read_deployment};
+use vocaloco_core::runtime::{Followed, Follower, Watch};
 use vocaloco_core::selector::Reason;
-use vocaloco_tests::{Fixture, Walking};
+use vocaloco_tests::{Fixture, Walking, overflowing_policy};
 
 /// The robot stands by this decision, and says why.
 fn assert_stands(walking: &Walking, decision: &Decision, forced: Forced, why: &str) {
@@ -54,6 +54,61 @@ fn a_plugin_that_fails_or_answers_nonsense() {
         assert_eq!(decision.skills[1].reason, Reason::PluginFailed, "{fault}");
         assert_walks_on(&mut walking, fault);
     }
+}
+
+/// The stand takes over from targets of its own, in the midst of what it does.
+#[test]
+fn a_plugin_that_fails_after_it_has_driven() {
+    for (fault, isolation, why) in [
+        ("panic 3", Isolation::None, "act panicked: asked for a panic in act"),
+        ("nan 3", Isolation::None, "LH_HFE: position_rad NaN"),
+        ("limp 3", Isolation::None, "LF_HAA: stiffness_nm_per_rad 0"),
+        ("segfault 3", Isolation::Process, "ended by signal 11"),
+    ] {
+        let mut walking = Walking::at_speed(fault, isolation, None);
+        assert_eq!(walking.until_bad_is_called().active, "bad", "{fault}");
+        for _ in 1..3 {
+            assert_eq!(walking.tick().active, "bad", "{fault}");
+        }
+        let decision = walking.tick();
+        assert_stands(&walking, &decision, Forced::Fault, why);
+        assert_eq!(decision.skills[1].reason, Reason::PluginFailed, "{fault}");
+        assert_walks_on(&mut walking, fault);
+    }
+}
+
+#[test]
+fn a_plugin_that_hangs_after_it_has_driven_in_real_time() {
+    let mut walking = Walking::at_speed("hang 3", Isolation::None, Some(0.7));
+    assert_eq!(walking.until_bad_is_called().active, "bad");
+    walking.tick();
+    assert_eq!(walking.tick().active, "bad");
+    let decision = walking.tick();
+    assert_stands(&walking, &decision, Forced::Overrun, "skill bad is late: act: found no answer");
+    walking.tick();
+    assert_eq!(walking.tick().skills[1].reason, Reason::TooSlow);
+    assert_walks_on(&mut walking, "hang 3");
+}
+
+#[test]
+fn a_policy_network_whose_actions_are_no_numbers() {
+    let fixture = Fixture::new();
+    fixture.add_shipped(&["ascend_network"]);
+    let policy = fixture.root().join("skills/ascend_network/policy.onnx");
+    let sound = std::fs::read(&policy).expect("a network");
+    std::fs::write(&policy, overflowing_policy(&sound)).expect("a written network");
+    let mut walking = Walking::beside(None, |robot| {
+        let robot = &robot.description;
+        let models = ModelPolicy::Optional;
+        let skill =
+            load_skill(&fixture.installation(), "ascend_network", robot, models).expect("finite weights");
+        skill.create(robot)
+    })
+    .at_full_speed();
+    let decision = walking.until_bad_is_called();
+    assert_stands(&walking, &decision, Forced::Fault, "wanted finite actions");
+    assert_eq!(decision.skills[1].reason, Reason::PluginFailed);
+    assert_walks_on(&mut walking, "a network");
 }
 
 #[test]
@@ -161,8 +216,9 @@ fn terrain_that_is_missing_stale_of_another_size_or_frame_or_unknown() {
     fn map(o: &mut Observation) -> &mut Elevation {
         o.elevation.as_mut().expect("terrain")
     }
-    let spoilers: [(&str, Spoiler); 11] = [
+    let spoilers: [(&str, Spoiler); 12] = [
         ("found nothing", |o| o.elevation = None),
+        ("341 of 341 cells unknown", |o| map(o).height_m.fill(f32::NEG_INFINITY)),
         ("height_m is 1972 heights, 69 rows of 29 wanted", |o| map(o).height_m.truncate(68 * 29)),
         ("height_m is 2002 heights, 69 rows of 29 wanted", |o| map(o).height_m.push(-0.5)),
         ("resolution_m is 0.2", |o| map(o).resolution_m = 0.2),
@@ -199,9 +255,24 @@ fn terrain_that_is_missing_stale_of_another_size_or_frame_or_unknown() {
 }
 
 #[test]
+fn a_few_heights_that_are_no_numbers_are_filled_in() {
+    let mut walking = Walking::at_speed("none", Isolation::None, None);
+    for height in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        let decision = walking.tick_with(|o| {
+            o.elevation.as_mut().expect("terrain").height_m.iter_mut().step_by(7).for_each(|it| *it = height);
+        });
+        assert_eq!((decision.active.as_str(), decision.forced), ("walk", None), "{height}: {decision:?}");
+        let field = decision.field.expect("a field");
+        assert!(field.as_slice().iter().all(|cell| cell.is_finite()), "{height}: {field:?}");
+    }
+    assert!(walking.is_on_its_feet());
+}
+
+#[test]
 fn a_measurement_that_is_no_number_missing_from_the_past_or_of_another_unit() {
     type Spoiler = fn(&mut Observation);
-    let spoilers: [(&str, Spoiler); 8] = [
+    let spoilers: [(&str, Spoiler); 9] = [
+        ("joint_velocity_rad_per_s.LF_HAA: found 400", |o| o.joint_velocity_rad_per_s[0] = 400.0),
         ("base_in_odom.position_m: found [0.0, 10001.0, 0.0]", |o| {
             let orientation_xyzw = [0.0, 0.0, 0.0, 1.0];
             o.base_in_odom = Some(BaseInOdom { position_m: [0.0, 10_001.0, 0.0], orientation_xyzw });
@@ -285,8 +356,10 @@ fn a_prediction_that_is_no_number() {
     walking.walk.set(0.99, 0.5);
     assert_eq!(walking.tick().choice, "walk", "twice is not three times");
     walking.walk.set(0.99, f32::INFINITY);
-    walking.tick();
-    walking.tick();
+    assert_eq!(walking.tick().skills[0].reason, Reason::Unusable);
+    walking.walk.set(1.5, 0.5);
+    assert_eq!(walking.tick().skills[0].reason, Reason::Unusable, "beyond 1");
+    walking.walk.set(-0.1, 0.5);
     let third = walking.tick();
     assert_eq!((third.active.as_str(), third.forced), ("stand", Some(Forced::Fault)), "{third:?}");
     assert_eq!(third.skills[0].reason, Reason::PredictionsFailed);
@@ -348,6 +421,36 @@ fn a_cost_that_is_not_positive_and_no_viable_skill_at_all() {
         assert_eq!((1..=60).find(|_| walking.tick().active == "walk"), Some(25), "{reason}: never taken out");
         assert!(walking.is_on_its_feet(), "{reason}");
     }
+}
+
+/// By the loop's own thread, whenever it finds them.
+#[test]
+fn a_skill_that_comes_and_goes_while_its_files_are_followed() {
+    let fixture = Fixture::new();
+    for skill in ["walk", "bad", "trot"] {
+        fixture.add_skill(skill, "none", 0.99, 0.9);
+    }
+    fixture.add_deployment("stairs", &["walk", "bad"]);
+    let installation = fixture.installation();
+    let walking = Walking::at_speed("none", Isolation::None, None);
+    let robot = Arc::clone(walking.runtime.robot());
+    let deployment = read_deployment(&installation, "stairs").expect("sound");
+    let followed = Followed::now(&installation, "stairs");
+    let running = ["walk", "bad"].map(str::to_owned);
+    let mut walking =
+        walking.following(Follower::start(followed, deployment, robot, running, None).expect("a thread"));
+    for skills in [&["walk", "bad", "trot"][..], &["walk", "bad"]] {
+        fixture.add_deployment("stairs", skills);
+        // At a third of its pace: what is looked for on the way is not how far it comes meanwhile.
+        let found = (0..500).any(|_| {
+            std::thread::sleep(Duration::from_millis(60));
+            let decision = walking.tick();
+            assert_eq!((decision.active.as_str(), decision.forced), ("walk", None), "{decision:?}");
+            decision.skills.len() == skills.len()
+        });
+        assert!(found, "{skills:?} within half a minute");
+    }
+    assert!(walking.is_on_its_feet());
 }
 
 /// The files of a deployment are looked at as the loop's own thread does it, in between its ticks.

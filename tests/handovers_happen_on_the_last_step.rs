@@ -3,6 +3,7 @@
 
 use std::sync::{Arc, OnceLock};
 
+use serde_json::Value;
 use vocaloco_core::{
     plugin::PluginLibrary,
     registry::{ModelPolicy, load_skill},
@@ -15,7 +16,7 @@ use vocaloco_sim::{
     terrain::{CourseKind, TREAD_M},
     threads::with_threads,
 };
-use vocaloco_tests::{plugin_folder, shipped};
+use vocaloco_tests::{Fixture, plugin_folder, shipped};
 
 fn robot() -> &'static Arc<RobotModel> {
     static ROBOT: OnceLock<Arc<RobotModel>> = OnceLock::new();
@@ -107,4 +108,30 @@ fn a_skill_that_never_gets_there_is_named() {
     let refused = handovers([&standing, &walk], &query(CourseKind::StairsUp, 0.02, 1), 1);
     let message = refused.expect_err("no approach").to_string();
     assert!(message.contains("`faulty`") && message.contains("last step"), "{message}");
+}
+
+/// Of the command that docs/switching.md reports, with fewer rollouts.
+#[test]
+fn a_switch_shakes_the_joints_no_harder_than_skills_do_and_with_a_window_asks_for_no_more_torque() {
+    let arguments =
+        "evaluate switches --course stairs_up --size-m 0.12 --rollouts 16 --ramp-s 0,0.1 --seed 1 --json";
+    let arguments: Vec<&str> = arguments.split(' ').collect();
+    let output = Fixture::new().vocaloco(&arguments).env("VOCALOCO_ROOT", &shipped().root).output();
+    let output = output.expect("the program starts");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    let rows = report["rows"].as_array().expect("rows");
+    assert_eq!(rows.iter().map(|row| &row["ramp_s"]).collect::<Vec<_>>(), [0.0, 0.1, 0.1]);
+    for row in rows {
+        let of = |field: &str| {
+            row.pointer(field).and_then(Value::as_f64).unwrap_or_else(|| panic!("{field}: {row:#}"))
+        };
+        assert!(of("/acceleration_at_switches/n") >= 20.0, "{row:#}");
+        assert!(of("/acceleration_at_switches/p50") <= of("/acceleration_within/p50"), "{row:#}");
+        // The highest but one of some twenty.
+        assert!(of("/acceleration_at_switches/p95") <= 1.25 * of("/acceleration_within/p95"), "{row:#}");
+        if of("/ramp_s") > 0.0 {
+            assert!(of("/torque_at_switches/p50") <= of("/torque_within/p50"), "{row:#}");
+        }
+    }
 }

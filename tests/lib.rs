@@ -10,7 +10,9 @@ mod standing_line;
 mod walking;
 
 pub use installation::Fixture;
-pub use model::{PolicyModel, constant_model, constant_model_of_shape, overflowing_model};
+pub use model::{
+    PolicyModel, constant_model, constant_model_of_shape, overflowing_model, overflowing_policy,
+};
 pub use snapshot::snapshot;
 pub use standing_line::standing_line;
 pub use walking::{Says, Walking};

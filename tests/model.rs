@@ -83,6 +83,24 @@ fn described(name: &str, shape: &[i64]) -> ValueInfoProto {
     }
 }
 
+/// A policy network that answers zeros, and anything else with no numbers: the weights of its first layer are the
+/// largest there are, and finite.
+///
+/// # Panics
+/// When the file is no model that begins with a layer.
+pub fn overflowing_policy(onnx: &[u8]) -> Vec<u8> {
+    let mut model = ModelProto::decode(onnx).expect("a model");
+    let graph = model.graph.as_mut().expect("a graph");
+    let layer = graph.node.iter().find(|node| node.op_type == "Gemm").expect("a layer");
+    let weights = graph.initializer.iter_mut().find(|tensor| tensor.name == layer.input[1]);
+    let weights = weights.expect("its weights");
+    weights.float_data.iter_mut().for_each(|value| *value = f32::MAX.copysign(*value));
+    for bytes in weights.raw_data.as_chunks_mut::<4>().0 {
+        *bytes = f32::MAX.copysign(f32::from_le_bytes(*bytes)).to_le_bytes();
+    }
+    model.encode_to_vec()
+}
+
 /// A policy network of fully connected layers with ELU between them.
 #[derive(Clone, Debug)]
 pub struct PolicyModel {

@@ -7,11 +7,11 @@ use vocaloco_core::decision::Decision;
 use vocaloco_core::heightfield::Field;
 use vocaloco_core::manifest::{Deadlines, Isolation};
 use vocaloco_core::observation::Observation;
-use vocaloco_core::plugin::{PluginInstance, PluginLibrary};
+use vocaloco_core::plugin::{PluginError, PluginInstance, PluginLibrary};
 use vocaloco_core::registry::{ModelPolicy, load_skill};
 use vocaloco_core::robot::RobotModel;
 use vocaloco_core::runtime::{
-    CallFault, FrozenLimits, Pace, Predict, Runtime, RuntimeConfig, Skill, Supervision,
+    CallFault, Follower, FrozenLimits, Pace, Predict, Runtime, RuntimeConfig, Skill, Supervision,
 };
 use vocaloco_core::selector::Prediction;
 use vocaloco_core::switch::Windows;
@@ -94,17 +94,27 @@ impl Walking {
     /// # Panics
     /// When what is shipped does not load.
     pub fn new(fault: &str, isolation: Isolation, act_s: Option<f64>) -> Self {
+        let path = shipped().plugin_path;
+        let library = match isolation {
+            Isolation::None => PluginLibrary::open(&path, "faulty"),
+            Isolation::Process => PluginLibrary::open_isolated(&path, "faulty", &|_, _| Ok(())),
+        };
+        Self::beside(act_s, |robot| library.and_then(|library| library.create(fault, &robot.description)))
+    }
+
+    /// The same with another plugin's instance as `bad`.
+    ///
+    /// # Panics
+    /// When what is shipped does not load, or `bad` is not made.
+    pub fn beside(
+        act_s: Option<f64>,
+        bad: impl FnOnce(&RobotModel) -> Result<PluginInstance, PluginError>,
+    ) -> Self {
         let installation = shipped();
         let robot = Arc::new(RobotModel::load(&installation.robots_folder(), "anymal_d").expect("the robot"));
         let loaded = load_skill(&installation, "walk", &robot.description, ModelPolicy::Optional);
         let loaded = loaded.expect("the shipped walk");
-        let library = match isolation {
-            Isolation::None => PluginLibrary::open(&installation.plugin_path, "faulty"),
-            Isolation::Process => {
-                PluginLibrary::open_isolated(&installation.plugin_path, "faulty", &|_, _| Ok(()))
-            }
-        };
-        let bad = library.and_then(|library| library.create(fault, &robot.description));
+        let bad = bad(&robot);
         let [walk_says, bad_says] =
             [(0.99, 0.5), (0.1, 0.1)].map(|(viability, cot)| Says::always(viability, cot));
         let skill = |name: &str, controller: PluginInstance, says: &Says| Skill {
@@ -149,13 +159,28 @@ impl Walking {
     /// # Panics
     /// When it does not come to that.
     pub fn at_speed(fault: &str, isolation: Isolation, act_s: Option<f64>) -> Self {
-        let mut walking = Self::new(fault, isolation, act_s);
+        Self::new(fault, isolation, act_s).at_full_speed()
+    }
+
+    /// The same, at its full speed.
+    ///
+    /// # Panics
+    /// When it does not come to that.
+    #[must_use]
+    pub fn at_full_speed(mut self) -> Self {
         for _ in 0..80 {
-            walking.tick();
+            self.tick();
         }
-        let speed = walking.plant.measure().base_linear_velocity[0];
-        assert!(speed > 0.4, "{fault}: it moves at {speed} m/s");
-        walking
+        let speed = self.plant.measure().base_linear_velocity[0];
+        assert!(speed > 0.4, "it moves at {speed} m/s");
+        self
+    }
+
+    /// The same, whose skills are those of files that are followed.
+    #[must_use]
+    pub fn following(mut self, follower: Follower) -> Self {
+        self.runtime = self.runtime.following(follower);
+        self
     }
 
     /// One tick.
@@ -164,6 +189,9 @@ impl Walking {
     }
 
     /// One tick with an observation that something went wrong with.
+    ///
+    /// # Panics
+    /// When a drive is left without gains.
     pub fn tick_with(&mut self, spoil: impl FnOnce(&mut Observation)) -> Decision {
         let measured = self.plant.measure();
         let t_s = self.ticks as f64 * TICK_S;
@@ -187,6 +215,8 @@ impl Walking {
         let ticked = self.runtime.tick(&observation);
         let decision = ticked.decision.clone();
         self.joints.copy_from_slice(ticked.joints);
+        let has_gains = |it: &JointTarget| it.stiffness_nm_per_rad >= 1.0 && it.damping_nms_per_rad >= 0.01;
+        assert!(self.joints.iter().all(has_gains), "{decision:?}: {:?}", self.joints);
         for _ in 0..DECIMATION {
             self.plant.step(&self.joints);
             self.has_fallen |= self.plant.measure().base_contact;

@@ -3,7 +3,7 @@ use crate::decision::{Decision, Forced};
 use crate::manifest::Deadlines;
 use crate::replay::as_recorded;
 use crate::runtime::fixture::{Fake, Gate, Loop, fake, skill};
-use crate::runtime::{Place, Roster};
+use crate::runtime::{Place, Roster, Switching};
 use crate::selector::Reason;
 
 /// Long enough for a thread to answer on a busy machine.
@@ -54,7 +54,7 @@ fn a_call_that_hangs_stands_within_the_tick_and_is_out_after_three() {
     gate.open();
 }
 
-/// The shortest of several ticks: what else the machine does may hold up any of them.
+/// More than half of a number of ticks: what else the machine does may hold up any of them.
 #[test]
 fn with_the_budgets_of_a_robot_a_tick_in_which_calls_hang_is_no_longer_than_a_period() {
     let hung = |_| {
@@ -73,8 +73,47 @@ fn with_the_budgets_of_a_robot_a_tick_in_which_calls_hang_is_no_longer_than_a_pe
         assert_eq!((decision.active.as_str(), decision.forced), ("stand", Some(Forced::Overrun)));
         took
     };
-    let shortest = (0..20).map(hung).min().unwrap();
-    assert!(shortest < Duration::from_millis(20), "{shortest:?}");
+    assert_most_are_within_a_period((0..21).map(hung).collect());
+}
+
+/// Two plugins act in a tick of the window, and both hang.
+#[test]
+fn with_mixing_a_tick_in_which_all_calls_hang_is_no_longer_than_a_period_either() {
+    let hung = |_| {
+        let (walk, other, gate) = (fake(0.99, 0.2), fake(0.99, 0.9), Gate::default());
+        let mut it = Loop::new(vec![skill("walk", &walk), skill("ascend", &other)]);
+        it.runtime = it.runtime.with_switching(Switching { ramp_s: 0.2, mixing: true });
+        let supervision = Supervision { clock, deadlines: DEADLINES, pace: Pace::Real };
+        it.runtime = it.runtime.supervised(supervision).unwrap();
+        assert_eq!(it.until("walk"), 10);
+        other.with(|script| script.prediction = Some((0.99, 0.1)));
+        assert_eq!(it.until("ascend"), 10);
+        let places = ["walk", "ascend"].map(|name| Place::Kept(name.to_owned())).into();
+        // What a deployment of two skills with mixing has that says nothing of deadlines.
+        let deadlines = Some(Deadlines { act_s: 0.004, predict_s: 0.005 });
+        it.runtime.adopt(Roster { places, events: Vec::new(), deadlines });
+        let acts = walk.with(|script| script.acts);
+        it.tick();
+        assert_eq!(walk.with(|script| script.acts), acts + 1, "both act in the window");
+        for fake in [&walk, &other] {
+            fake.with(|script| {
+                script.act_hangs = Some(gate.clone());
+                script.predict_hangs = Some(gate.clone());
+            });
+        }
+        let began = clock();
+        let decision = it.tick();
+        let took = clock().saturating_sub(began);
+        gate.open();
+        assert_eq!((decision.active.as_str(), decision.forced), ("stand", Some(Forced::Overrun)));
+        took
+    };
+    assert_most_are_within_a_period((0..21).map(hung).collect());
+}
+
+fn assert_most_are_within_a_period(mut took: Vec<Duration>) {
+    took.sort();
+    assert!(took[took.len() / 2] < Duration::from_millis(20), "{took:?}");
 }
 
 #[test]
