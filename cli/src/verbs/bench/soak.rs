@@ -8,6 +8,7 @@ mod tally;
 mod trouble;
 
 use std::hash::{DefaultHasher, Hasher};
+use std::io;
 
 use anyhow::{Context, ensure};
 use vocaloco_core::decision::{Decision, Forced, STAND};
@@ -338,9 +339,27 @@ struct Fingerprint(DefaultHasher);
 
 impl Fingerprint {
     fn add(&mut self, decision: &Decision, joints: &[JointTarget]) -> anyhow::Result<()> {
-        // The field is there by its hash.
-        let decided = Decision { field: None, timings: None, ..decision.clone() };
-        self.0.write(&serde_json::to_vec(&decided)?);
+        // Nothing is allocated: heaps that are watched grow by others alone. The field is there by its hash.
+        let Decision {
+            t_s,
+            tick,
+            command,
+            heightfield_hash,
+            field: _,
+            skills,
+            choice,
+            active,
+            stopped,
+            forced,
+            committed,
+            reason,
+            events,
+            timings: _,
+            roster,
+        } = decision;
+        let seen = (t_s, tick, command, heightfield_hash, skills, roster);
+        let decided = (choice, active, stopped, forced, committed, reason, events);
+        serde_json::to_writer(Hashed(&mut self.0), &(seen, decided))?;
         for target in joints {
             let JointTarget { position_rad, stiffness_nm_per_rad, damping_nms_per_rad, feed_forward_nm } =
                 *target;
@@ -353,6 +372,20 @@ impl Fingerprint {
 
     fn finish(&self) -> String {
         format!("{:016x}", self.0.finish())
+    }
+}
+
+/// What is written is hashed.
+struct Hashed<'a>(&'a mut DefaultHasher);
+
+impl io::Write for Hashed<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }
 
