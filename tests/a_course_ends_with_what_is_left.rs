@@ -113,8 +113,8 @@ fn assert_positive_overruns(timing: &Value) {
     assert!(timing["overruns"].as_u64().is_some_and(|count| count >= 1), "{timing:#}");
 }
 
-/// In real time the hanging skill is in the loop's own process, where nothing can end it. In every attempt it is late,
-/// out of service and never drives, and half of the ticks are shorter than a period. That the course is reached takes a
+/// In real time the hanging skill is in the loop's own process, where nothing can end it. In every attempt it is late
+/// and never drives, and half of the ticks are shorter than a period. That the course is reached takes a
 /// machine that leaves the sound skills their time: where it is so busy that one of them is late, the robot stands, and
 /// the course is driven again, three times at most. `chrt -f 5` before the test's program keeps other work from that.
 #[test]
@@ -129,12 +129,8 @@ fn in_real_time_a_skill_that_hangs_in_the_loops_own_process_is_passed_over_too()
         let (report, events) = climb(&fixture, &["--real-time"]);
         eprintln!("{}: {}", report["outcome"], report["timing"]);
         assert_broken_do_not_drive(&report);
-        for wanted in [
-            "skill hanging is late: reset and act: found no answer, wanted one within 8.0 ms",
-            "skill hanging is taken out of service: ",
-        ] {
-            assert!(events.contains(wanted), "{wanted:?} is not in {events}");
-        }
+        // Its predictions may be late before it is ever asked to act.
+        assert!(events.contains("skill hanging is late: "), "{events}");
         assert!(
             report["timing"]["p50_us"].as_f64().is_some_and(|us| us < 20_000.0),
             "{:#}",
@@ -145,7 +141,10 @@ fn in_real_time_a_skill_that_hangs_in_the_loops_own_process_is_passed_over_too()
             continue;
         }
         assert_eq!(report["outcome"], "reached", "{report:#}");
-        assert!(events.contains("skill crashing is taken out of service: "), "{events}");
+        for skill in ["hanging", "crashing"] {
+            let out = format!("skill {skill} is taken out of service: ");
+            assert!(events.contains(&out), "{skill}: {events}");
+        }
         return;
     }
 }
