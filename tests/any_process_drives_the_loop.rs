@@ -190,10 +190,15 @@ fn what_a_plugin_prints_is_no_answer_and_what_it_reads_is_no_line() {
         let output = vocaloco(fixture.root(), &[&RUN[..], pace].concat(), &session(0..40));
         let narration = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(0), "{narration}");
-        assert!(narration.contains("where do my words end up?"), "{narration}");
         let lines = lines(&output);
         assert_eq!(lines.len(), 1 + 40, "one answer a line");
-        assert_eq!((&lines[12]["active"], &lines[12]["t_s"]), (&json!("walk"), &standing_line(11)["t_s"]));
+        for (tick, line) in (0..).zip(&lines[1..]) {
+            assert_eq!(line["t_s"], standing_line(tick)["t_s"]);
+        }
+        // In real time a busy machine may let it be late, and never act.
+        let acts = lines.iter().any(|line| line["active"] == "walk");
+        assert!(acts || !pace.is_empty(), "{lines:?}");
+        assert!(!acts || narration.contains("where do my words end up?"), "{narration}");
     }
 }
 
