@@ -155,10 +155,12 @@ fn a_log_explains_and_replays_itself() {
 fn a_signal_to_end_is_a_clean_stop() {
     let fixture = fixture();
     let log = fixture.root().join("decisions.mcap");
+    let mut runs = 0;
     for signal in ["INT", "TERM", "HUP"] {
         if ignored_here(signal) {
-            return;
+            continue;
         }
+        runs += 1;
         let mut child = start(fixture.root(), &[&RUN[..], &["--log", &log.to_string_lossy()]].concat());
         // Held to the end: to wait for a child closes what it reads from.
         let mut stdin = child.stdin.take().expect("a pipe");
@@ -177,8 +179,8 @@ fn a_signal_to_end_is_a_clean_stop() {
         assert_eq!((written.decisions.len(), written.truncated), (15, None), "{signal}");
         drop(stdin);
     }
-    let aside = |number: u32| fixture.root().join(format!("decisions.{number}.mcap"));
-    assert!(aside(1).exists() && aside(2).exists() && !aside(3).exists(), "no log replaces another");
+    let aside = |number: &u32| fixture.root().join(format!("decisions.{number}.mcap")).exists();
+    assert_eq!((1..9).filter(aside).count() + 1, runs.max(1), "no log replaces another");
 }
 
 /// In a plugin that prints, nothing of it is between two answers, and it takes no line away.
@@ -406,7 +408,10 @@ fn a_skill_that_hangs_when_created_is_given_up_after_30_s_that_no_line_waits_for
     }
     assert!(event.starts_with("skill trot is refused: "), "{event:?}");
     assert!(event.contains("found no answer for 30 s from its process, which was ended"), "{event}");
-    assert_eq!(most_children, 1, "the process that it was tried in");
+    // Not every kernel lists them.
+    if Path::new("/proc/thread-self/children").exists() {
+        assert_eq!(most_children, 1, "the process that it was tried in");
+    }
     assert!(children(child.id()).is_empty(), "which is gone");
     drop(stdin);
     let output = child.wait_with_output().expect("it ends");

@@ -20,7 +20,7 @@ pub fn give_way() {
 }
 
 /// A thread or process that computes for the loop, one real-time priority below it, so that one that spins never keeps
-/// the loop from a core; while it is late it gives way to all others that do.
+/// the loop from a core; from when it is found late until it has ended it gives way to all others that do.
 ///
 /// Without a real-time policy all of it stays as it was, as on other systems than Linux and where the system refuses; at
 /// the lowest priority of one, what computes has the loop's own.

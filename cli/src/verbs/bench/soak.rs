@@ -309,26 +309,28 @@ fn is_answered(decision: &Decision, wanted: Option<Forced>) -> bool {
     is_said && (stands || !decision.forced.is_some_and(Forced::is_stop))
 }
 
-/// What drives may be told: counted here once more, and not by what the runtime refuses.
-struct Bounds(Vec<[f32; 2]>);
+/// What drives may be told, by joint: range, rad, and effort, N·m. Counted here once more, and not by what the runtime
+/// refuses.
+struct Bounds(Vec<([f32; 2], f32)>);
 
 impl Bounds {
     fn of(robot: &RobotDescription) -> Self {
-        // A spring may pull with all that the drive has: by the softest that is let through that is far.
-        let range = |joint: &JointDescription| [joint.lower_rad as f32, joint.upper_rad as f32];
-        Self(robot.joints.iter().map(range).collect())
+        let of = |joint: &JointDescription| {
+            ([joint.lower_rad as f32, joint.upper_rad as f32], joint.effort_nm as f32)
+        };
+        Self(robot.joints.iter().map(of).collect())
     }
 
-    /// Whether all are numbers, gains are there and in no drive's way, and positions pull no harder than
-    /// 200 N·m away from the joint's range.
+    /// Whether all are numbers, there are gains, and neither feed-forward nor a position outside the joint's range asks
+    /// for more than its effort.
     fn hold(&self, joints: &[JointTarget]) -> bool {
         joints.len() == self.0.len()
-            && joints.iter().zip(&self.0).all(|(target, [lower, upper])| {
-                let slack = 0.5 + 200.0 / target.stiffness_nm_per_rad;
+            && joints.iter().zip(&self.0).all(|(target, ([lower, upper], effort_nm))| {
+                let slack = 0.25 + effort_nm / target.stiffness_nm_per_rad;
                 (lower - slack..=upper + slack).contains(&target.position_rad)
                     && (1.0..=1000.0).contains(&target.stiffness_nm_per_rad)
                     && (0.01..=100.0).contains(&target.damping_nms_per_rad)
-                    && target.feed_forward_nm.is_finite()
+                    && target.feed_forward_nm.abs() <= *effort_nm
             })
     }
 }
@@ -408,7 +410,7 @@ mod tests {
 
     #[test]
     fn a_target_outside_what_a_drive_may_be_told_is_noticed() {
-        let bounds = Bounds(vec![[-1.0, 1.0]; 2]);
+        let bounds = Bounds(vec![([-1.0, 1.0], 80.0); 2]);
         let stand = JointTarget {
             position_rad: 0.3,
             stiffness_nm_per_rad: 80.0,
@@ -424,6 +426,7 @@ mod tests {
             JointTarget { damping_nms_per_rad: 0.0, ..stand },
             JointTarget { damping_nms_per_rad: f32::INFINITY, ..stand },
             JointTarget { feed_forward_nm: f32::NAN, ..stand },
+            JointTarget { feed_forward_nm: 1e9, ..stand },
         ] {
             assert!(!bounds.hold(&[stand, wrong]), "{wrong:?}");
         }

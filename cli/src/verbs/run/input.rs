@@ -5,7 +5,7 @@ use std::io::{self, BufRead};
 /// What `run --source stdio` reads: SIGINT, SIGTERM and SIGHUP end it as the other side's hanging up does, before the next
 /// line. A second SIGINT or SIGTERM ends the process as it would without this, for a plugin that never returns; SIGHUP
 /// comes more than once, and another signal after it, when a terminal goes. What this process was started to ignore it
-/// ignores, as under `nohup`; on Linux, which alone says what that is.
+/// ignores, as under `nohup`; asked for on Linux alone.
 ///
 /// # Errors
 /// Standard input cannot be read, or the system watches no signals.
@@ -26,11 +26,12 @@ pub(super) fn until_asked_to_end() -> io::Result<impl BufRead> {
         if is_ignored(signal) {
             continue;
         }
+        // First, so that one which comes in between is not lost.
+        pipe::register(signal, asks.try_clone()?)?;
         if signal != SIGHUP {
             flag::register_conditional_default(signal, Arc::clone(&is_asked))?;
             flag::register(signal, Arc::clone(&is_asked))?;
         }
-        pipe::register(signal, asks.try_clone()?)?;
     }
     let stdin = File::from(io::stdin().as_fd().try_clone_to_owned()?);
     // What else in this process reads there, a plugin or a library, takes no line away.

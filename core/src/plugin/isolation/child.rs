@@ -30,7 +30,7 @@ const START: Duration = Duration::from_secs(30);
 /// gone on without it.
 const HUNG: Duration = Duration::from_secs(2);
 /// Time in which a child that hung up is expected to have ended.
-const END: Duration = Duration::from_millis(200);
+const END: Duration = Duration::from_secs(2);
 
 /// Where [`isolate_with`] was told of a program.
 static TOLD: OnceLock<PathBuf> = OnceLock::new();
@@ -266,7 +266,7 @@ impl ChildInstance {
             format!("{error} from its process, which was ended")
         } else {
             match self.status() {
-                Some(status) => format!("its process {}", how(status)),
+                Some(status) => format!("its process {}", how(status, self.origin.start.trial.is_none())),
                 None => format!("its process silent ({error})"),
             }
         };
@@ -296,10 +296,11 @@ impl ChildInstance {
     }
 }
 
-fn how(status: ExitStatus) -> String {
+fn how(status: ExitStatus, is_limited: bool) -> String {
     let name = |signal| match signal {
         4 => " (illegal instruction)",
-        6 => " (abort, which more memory than it may have comes to as well)",
+        6 if is_limited => " (abort, which more memory than it may have comes to as well)",
+        6 => " (abort)",
         7 => " (bus error)",
         8 => " (arithmetic)",
         9 => " (killed)",

@@ -31,6 +31,8 @@ pub fn serve() -> io::Result<()> {
     // What a plugin prints and reads, and what it starts, gets at neither.
     rustix::stdio::dup2_stdin(File::open("/dev/null")?)?;
     rustix::stdio::dup2_stdout(File::options().write(true).open("/dev/null")?)?;
+    // Where memory runs out, this process goes before the loop does; before it is closed to its own user.
+    let _ = std::fs::write("/proc/self/oom_score_adj", "1000");
     limits::leave_no_core()?;
     end_with_the_host(wire.try_clone()?)?;
     let start: Start = wire::receive(&mut wire)?;

@@ -71,9 +71,9 @@ impl WatchedController {
                     Ok(())
                 }
             };
-            beside.come_back();
-            if controller.process().is_none() {
-                beside.is_gone();
+            match controller.process() {
+                Some(_) => beside.come_back(),
+                None => beside.is_gone(),
             }
         };
         let panicked = |call: &mut Call, words: &str| {

@@ -117,7 +117,6 @@ fn next<J>(shared: &Shared<J>) -> Option<Box<J>> {
     let waits = |slot: &mut Slot<J>| slot.turn != Turn::Asked && !slot.is_abandoned;
     let waited = shared.changed.wait_while(shared.lock(), waits);
     let mut slot = waited.unwrap_or_else(PoisonError::into_inner);
-    shared.beside.come_back();
     if slot.is_abandoned {
         return None;
     }

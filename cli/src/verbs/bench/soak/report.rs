@@ -39,7 +39,7 @@ pub(super) struct Report {
     pub(super) unsound_targets: u64,
     /// Highest memory after the first fifth over the highest within it, less 1.
     pub(super) rss_growth: f64,
-    /// Whether the run is long enough for that to be judged.
+    /// Whether the run is long enough for that, and for who drives, to be judged.
     pub(super) judges_growth: bool,
     /// Whether it is long enough for every kind of fault to come.
     pub(super) judges_kinds: bool,
