@@ -117,7 +117,7 @@ fn half_way_down_stairs_of_15_cm() {
     every_phase("descend_network", (CourseKind::StairsDown, 0.15), 3.5, 0.8);
 }
 
-/// Pushes of 0.5 m/s towards four sides, after stops in twelve phases of the gait: those that it does not stand up to,
+/// Pushes of 0.5 m/s towards eight sides, after stops in twelve phases of the gait: those that it does not stand up to,
 /// by phase and degrees.
 fn pushed_over(
     skill: &str,
@@ -125,7 +125,10 @@ fn pushed_over(
     stop_x_m: f32,
     least_upright: f32,
 ) -> Vec<(usize, i32, Stop)> {
-    let pushes = [(0, [0.5, 0.0]), (90, [0.0, 0.5]), (180, [-0.5, 0.0]), (270, [0.0, -0.5])];
+    let pushes = [0, 1, 2, 3, 4, 5, 6, 7].map(|side| {
+        let (sin, cos) = (side as f32 * std::f32::consts::FRAC_PI_4).sin_cos();
+        (45 * side, [0.5 * cos, 0.5 * sin])
+    });
     let held = |stop: &Stop| !stop.touched && stop.upright >= least_upright && stop.speed_m_per_s <= 0.15;
     (0..24)
         .step_by(2)
@@ -151,5 +154,5 @@ fn a_robot_stopped_half_way_down_stairs_holds_it_too() {
 #[test]
 fn a_robot_stopped_half_way_up_stairs_holds_it_in_most_phases() {
     let falls = pushed_over("ascend_network", (CourseKind::StairsUp, 0.15), 3.3, 0.8);
-    assert!(falls.len() <= 8, "{} of 48: {falls:?}", falls.len());
+    assert!(falls.len() <= 14, "{} of 96: {falls:?}", falls.len());
 }

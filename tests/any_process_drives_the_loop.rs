@@ -10,15 +10,14 @@ use vocaloco_core::decision_log::DecisionLog;
 use vocaloco_tests::{Fixture, plugin_folder, shipped, standing_line};
 
 fn start(root: &Path, arguments: &[&str]) -> Child {
-    Command::new(plugin_folder().join("vocaloco"))
-        .args(arguments)
-        .env("VOCALOCO_ROOT", root)
-        .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts")
+    let mut program = Command::new(plugin_folder().join("vocaloco"));
+    spawn(program.args(arguments).stderr(Stdio::piped()), root)
+}
+
+/// Whatever starts the program, for this installation and with pipes to it.
+fn spawn(command: &mut Command, root: &Path) -> Child {
+    let command = command.env("VOCALOCO_ROOT", root).env("VOCALOCO_PLUGIN_PATH", plugin_folder());
+    command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the program starts")
 }
 
 fn vocaloco(root: &Path, arguments: &[&str], input: &str) -> Output {
@@ -322,16 +321,9 @@ fn signals_that_are_ignored_from_the_start_end_nothing() {
     for ignored in [&["HUP"][..], &["HUP", "INT", "TERM"]] {
         let fixture = fixture();
         let trap = format!("trap '' {}; exec \"$@\"", ignored.join(" "));
-        let mut child = Command::new("sh")
-            .args(["-c", &trap, "sh"])
-            .arg(plugin_folder().join("vocaloco"))
-            .args(RUN)
-            .env("VOCALOCO_ROOT", fixture.root())
-            .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("the program starts");
+        let mut shell = Command::new("sh");
+        let program = plugin_folder().join("vocaloco");
+        let mut child = spawn(shell.args(["-c", &trap, "sh"]).arg(program).args(RUN), fixture.root());
         let mut stdin = child.stdin.take().expect("a pipe");
         let mut answers = BufReader::new(child.stdout.take().expect("a pipe")).lines();
         answers.next().expect("the greeting").expect("UTF-8");
@@ -488,17 +480,9 @@ fn at_a_real_time_priority_an_isolated_plugin_that_spins_keeps_nobody_from_the_c
     fixture.add_skill("spinning", "spin", 0.99, 0.1);
     fixture.alter("manifests/skills/spinning.toml", "plugin =", "isolation = \"process\"\nplugin =");
     fixture.add_deployment("stairs", &["spinning", "walk"]);
-    let mut child = Command::new("taskset")
-        .args(["-c", "0", "chrt", "-f", "20"])
-        .arg(plugin_folder().join("vocaloco"))
-        .args(RUN)
-        .arg("--real-time")
-        .env("VOCALOCO_ROOT", fixture.root())
-        .env("VOCALOCO_PLUGIN_PATH", plugin_folder())
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
+    let mut on_one_core = Command::new("taskset");
+    on_one_core.args(["-c", "0", "chrt", "-f", "20"]).arg(plugin_folder().join("vocaloco"));
+    let mut child = spawn(on_one_core.args(RUN).arg("--real-time"), fixture.root());
     let mut stdin = child.stdin.take().expect("a pipe");
     let mut answers = BufReader::new(child.stdout.take().expect("a pipe")).lines();
     let mut answer = || answers.next().expect("an answer").expect("UTF-8");
